@@ -141,7 +141,7 @@ pub struct ProcessEntry {
     pub stop_s: u32,
     /// `oom_score_adj`: the lower, the later the kernel ends it when memory runs out.
     pub oom_score: i32,
-    /// Further lines of its unit file's `[Service]` section.
+    /// Further lines of its unit file's `[Service]` section, for systemd alone.
     pub unit: &'static str,
 }
 

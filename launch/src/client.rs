@@ -39,8 +39,8 @@ pub struct Running {
 /// with the same configuration. Ignores `config.foreground`; see [`crate::supervise`].
 ///
 /// # Errors
-/// If the rig is already up, processes with other settings are alive, a unit file is invalid, or a
-/// unit cannot be brought up: then all is stopped, and the error contains the end of its log.
+/// If the rig is already up, processes with other settings are alive, or a unit cannot be brought
+/// up: then all is stopped, and the error contains the end of its log.
 pub fn start(mut config: Config) -> Result<Running, Error> {
     config.foreground = false;
     let config = config.checked()?;
@@ -105,11 +105,11 @@ fn why_it_ended(run_dir: &RunDir, config: &Config, status: std::io::Result<ExitS
     let cause: Option<StartError> = run_dir.read_json(&run_dir.failure_json()).ok().flatten();
     let _ = std::fs::remove_file(run_dir.failure_json());
     match cause {
-        Some(StartError { start_failure: Some(failure), .. }) => Error::Start(failure),
-        Some(StartError { broken_off: Some(cause), .. }) => {
+        Some(StartError::Unit(failure)) => Error::Start(failure),
+        Some(StartError::BrokenOff(cause)) => {
             Error::BrokenOff { rig: config.rig_name.clone(), cause }
         }
-        Some(error) => Error::Launcher { message: error.message },
+        Some(StartError::Other(message)) => Error::Launcher { message },
         None => {
             let exit = status.map_or_else(|error| error.to_string(), |status| status.to_string());
             let tail = log::tail(&run_dir.launcher_log(), 20);
@@ -186,14 +186,12 @@ pub fn stop(run_dir: &Path) -> Result<StopReport, Error> {
     }
     let cause = "a request to stop, the launcher being dead";
     match directory.config() {
-        Ok(Some(config)) if config.load_units().is_ok() => {
-            Supervisor::open(config, &directory, lock.into())?.stop_now(cause)
-        }
+        Ok(Some(config)) => Supervisor::open(config, &directory, lock.into())?.stop_now(cause),
         _ => Ok(kill_leftovers(&directory, leftovers, cause)),
     }
 }
 
-/// Kills processes whose unit files are unknown, and with them their stop order and timeouts: last
+/// Kills processes whose units are unknown, and with them their stop order and timeouts: last
 /// started first.
 fn kill_leftovers(directory: &RunDir, leftovers: Vec<Leftover>, cause: &str) -> StopReport {
     let status = directory.last_status().ok().flatten();

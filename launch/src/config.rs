@@ -3,28 +3,26 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
+use ipc_types::ProcessEntry;
 use serde::{Deserialize, Serialize};
 
 use crate::Error;
-use crate::units::{Unit, UnitSet};
+use crate::units::{Unit, in_order};
 
 /// What to launch, and where.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Config {
-    /// Name of the rig: the instance `%i` of every unit.
+    /// Name of the rig.
     pub rig_name: String,
     /// The rig's directory: sockets, status, logs. Made with mode 0700 if absent. Short: a socket's
     /// path has 107 bytes.
     pub run_dir: PathBuf,
-    /// What stands for the first word of every `ExecStart=`; also the launcher's own executable.
+    /// Executable of every process, and of the launcher.
     pub executable: PathBuf,
-    /// Short names of the units to start; what they want is started as well.
-    pub units: Vec<String>,
-    /// Variables for every process, in place of `EnvironmentFile=`.
+    /// The units to start.
+    pub units: Vec<Unit>,
+    /// Variables for every process.
     pub environment: BTreeMap<String, String>,
-    /// Where to read unit files; `None` for those compiled in.
-    #[serde(default)]
-    pub units_directory: Option<PathBuf>,
     /// Whether the launcher's own messages go to standard error as well as to `launcher.log`.
     #[serde(default)]
     pub foreground: bool,
@@ -43,15 +41,17 @@ impl Config {
             executable: executable.into(),
             units: Vec::new(),
             environment: BTreeMap::new(),
-            units_directory: None,
             foreground: false,
         }
     }
 
-    /// Adds units by short name.
+    /// Adds the units of processes.
     #[must_use]
-    pub fn with_units<S: Into<String>>(mut self, units: impl IntoIterator<Item = S>) -> Self {
-        self.units.extend(units.into_iter().map(Into::into));
+    pub fn with_processes<'p>(
+        mut self,
+        processes: impl IntoIterator<Item = &'p ProcessEntry>,
+    ) -> Self {
+        self.units.extend(processes.into_iter().map(Unit::of));
         self
     }
 
@@ -62,7 +62,7 @@ impl Config {
         self
     }
 
-    /// Checks names and paths, and makes the paths absolute.
+    /// Checks names and paths, makes the paths absolute, and puts the units in the order of start.
     pub(crate) fn checked(mut self) -> Result<Self, Error> {
         let allowed =
             |character: char| character.is_ascii_alphanumeric() || "-_.".contains(character);
@@ -74,22 +74,8 @@ impl Config {
         }
         self.run_dir = absolute(&self.run_dir)?;
         self.executable = absolute(&self.executable)?;
-        if let Some(directory) = &self.units_directory {
-            self.units_directory = Some(absolute(directory)?);
-        }
+        self.units = in_order(self.units);
         Ok(self)
-    }
-
-    /// The units in the order in which they may be started.
-    ///
-    /// # Errors
-    /// When a unit file is missing or has something that is not honoured.
-    pub fn load_units(&self) -> Result<Vec<Unit>, Error> {
-        let set = match &self.units_directory {
-            None => UnitSet::embedded(),
-            Some(directory) => UnitSet::from_directory(directory)?,
-        };
-        Ok(set.load(&self.units, &self.rig_name)?)
     }
 
     /// Whether processes started with `other` do what this configuration asks for.

@@ -7,7 +7,6 @@ use serde::{Deserialize, Serialize};
 
 use crate::identity::ProcessIdentity;
 use crate::status::Leftover;
-use crate::units::UnitError;
 
 /// A unit that could not be brought up.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -39,9 +38,6 @@ impl std::fmt::Display for StartFailure {
 /// Errors of this crate.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
-    /// A unit file contains something that is not supported.
-    #[error(transparent)]
-    Unit(#[from] UnitError),
     /// The rig's name cannot be an instance name or a directory.
     #[error(
         "rig name `{found}`: expected letters, digits, `-`, `_` and `.`, not beginning with a dot"

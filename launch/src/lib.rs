@@ -1,13 +1,13 @@
-//! The launcher for machines without systemd, and the unit files.
+//! The launcher for machines without systemd, and the unit files for machines with it.
 //!
-//! It reads systemd's unit files ([`units`]) and supervises their processes: starts them in the
-//! order of `After=`, waits for `READY=1`, watches them, restarts them with back-off, and stops
-//! them in the reverse order. It knows neither shared memory nor messages.
+//! Both follow from the table of processes ([`units`]). The launcher starts the processes in their
+//! order, waits for `READY=1`, watches them, restarts them with back-off, and stops them in the
+//! reverse order. It knows neither shared memory nor messages.
 //!
 //! ```no_run
 //! # fn main() -> Result<(), launch::Error> {
 //! let config = launch::Config::new("bench", "/run/farreach/bench", "/usr/local/bin/farreach")
-//!     .with_units(["keeper", "logger", "simulator", "acquisition", "control", "watchdog"])
+//!     .with_processes(ipc_types::PROCESSES)
 //!     .with_environment("FARREACH_RIG", "/etc/farreach/bench/rig.toml");
 //! let running = launch::start(config)?; // all are ready; the launcher is a process of its own
 //! println!("up, launcher {}", running.launcher.pid);

@@ -6,16 +6,16 @@
 //! | no `READY=1` within `TimeoutStartSec=` | kill, restart | a successful start |
 //! | exit before `READY=1` | restart | a successful start |
 //! | no `WATCHDOG=1` for `WatchdogSec=` | kill, restart | itself |
-//! | exit, and `Restart=` asks for it | restart | itself |
+//! | exit that is not clean ([`Exit::is_clean`]) | restart | itself |
 //! | [`START_ATTEMPTS`] failed starts in a row during bring-up | stop all, report | a person |
-//! | `StartLimitBurst=` starts within `StartLimitIntervalSec=` | give up (a) | `restart UNIT` |
-//! | an exit code in `RestartPreventExitStatus=` | give up (a) | a person |
-//! | a unit in both `Wants=` and `After=` is not ready | hold the start (`Gated`) | itself |
+//! | [`START_LIMIT`] starts within [`START_LIMIT_INTERVAL`] | give up (a) | `restart UNIT` |
+//! | exit with code [`NO_RESTART`] | give up (a) | a person |
+//! | a unit that it needs is not ready | hold the start (`Gated`) | itself |
 //!
 //! (a) During bring-up, giving up one unit stops all.
 //!
-//! The n-th restart in a row waits `RestartSec=` × 2ⁿ, at most [`BACK_OFF_CAP`] (or `RestartSec=`,
-//! if that is longer). Once a process has been ready for [`HEALTHY_AFTER`], n starts from 0 again.
+//! The n-th restart in a row waits [`RESTART_DELAY`] × 2ⁿ, at most [`BACK_OFF_CAP`]. Once a process
+//! has been ready for [`HEALTHY_AFTER`], n starts from 0 again.
 
 mod exit;
 mod policy;
@@ -26,11 +26,18 @@ use std::collections::VecDeque;
 use std::time::Duration;
 
 pub use exit::Exit;
-pub use policy::Policy;
+pub use policy::{Policy, START_LIMIT};
 
 use crate::status::UnitState;
-use crate::units::Restart;
 
+/// Shortest pause before a restart (`RestartSec=`). The card's FIFO holds 256 ms: with acquisition
+/// back within about 150 ms of a crash, nothing is lost.
+pub const RESTART_DELAY: Duration = Duration::from_millis(50);
+/// Window in which starts are counted (`StartLimitIntervalSec=`).
+pub const START_LIMIT_INTERVAL: Duration = Duration::from_secs(20);
+/// Exit code of a wrong command line or rig file, which a restart cannot help
+/// (`RestartPreventExitStatus=`).
+pub const NO_RESTART: i32 = 2;
 /// Longest pause before a restart.
 pub const BACK_OFF_CAP: Duration = Duration::from_secs(2);
 /// Time a process must have been ready for the back-off to start anew.
@@ -43,7 +50,7 @@ pub const START_ATTEMPTS: u32 = 3;
 pub enum Action {
     /// Start this unit's process; then, if that failed, call [`Lifecycle::start_refused`].
     Start(usize),
-    /// Send the unit's `KillSignal=`.
+    /// Send `SIGTERM`.
     AskToStop(usize),
     /// Send `SIGKILL`.
     Kill(usize),
@@ -224,7 +231,7 @@ impl Lifecycle {
             State::Starting { .. } => {
                 slot.failed_starts += 1;
                 slot.reason = Some(format!("it ended before it was ready: {exit}"));
-                if slot.policy.prevents(exit) {
+                if exit == Exit::Code(NO_RESTART) {
                     self.give_up(unit)
                 } else {
                     self.start_again(unit, now)
@@ -235,10 +242,10 @@ impl Lifecycle {
                 if now.saturating_sub(since) >= HEALTHY_AFTER {
                     slot.back_off_steps = 0;
                 }
-                let wanted = slot.policy.restart == Restart::Always || !exit.is_clean();
-                if wanted && !slot.policy.prevents(exit) {
+                let prevented = exit == Exit::Code(NO_RESTART);
+                if !exit.is_clean() && !prevented {
                     self.start_again(unit, now);
-                } else if wanted || self.phase == Phase::BringUp {
+                } else if prevented || self.phase == Phase::BringUp {
                     // During bring-up, the units after it would wait for ever.
                     self.give_up(unit);
                 } else {
@@ -460,22 +467,18 @@ impl Lifecycle {
             return;
         }
         let policy = &slot.policy;
-        let pause = policy.restart_delay.saturating_mul(1 << slot.back_off_steps.min(16));
-        let until = now + pause.min(BACK_OFF_CAP.max(policy.restart_delay));
-        slot.starts.retain(|&start| start + policy.start_limit_interval > until);
-        let limited =
-            policy.start_limit_burst > 0 && slot.starts.len() >= policy.start_limit_burst as usize;
+        let pause = RESTART_DELAY.saturating_mul(1 << slot.back_off_steps.min(16));
+        let until = now + pause.min(BACK_OFF_CAP);
+        slot.starts.retain(|&start| start + START_LIMIT_INTERVAL > until);
+        let limited = slot.starts.len() >= policy.start_limit as usize;
         if limited {
             let last = slot.reason.take().unwrap_or_default();
             slot.reason = Some(format!(
-                "started {} times within {:?}, which is the limit; last: {last}",
-                policy.start_limit_burst, policy.start_limit_interval
+                "started {} times within {START_LIMIT_INTERVAL:?}, which is the limit; last: {last}",
+                policy.start_limit
             ));
         }
-        if limited
-            || policy.restart == Restart::No
-            || (bring_up && slot.failed_starts >= START_ATTEMPTS)
-        {
+        if limited || (bring_up && slot.failed_starts >= START_ATTEMPTS) {
             self.give_up(unit);
             return;
         }

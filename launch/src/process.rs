@@ -2,6 +2,7 @@
 //! signalled.
 
 use std::collections::BTreeMap;
+use std::ffi::OsString;
 use std::fs;
 use std::io;
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
@@ -37,7 +38,7 @@ impl Process {
             output.try_clone().map_err(|source| Error::io("open the log", &log_path, source))?;
         let mut command = Command::new(&config.executable);
         command
-            .args(&unit.exec_start[1..])
+            .args(["service", &unit.name])
             .envs(environment(unit, config, run_dir))
             .env_remove("WATCHDOG_PID")
             .current_dir("/")
@@ -46,9 +47,6 @@ impl Process {
             .stderr(errors)
             // Ctrl-C at a terminal must reach the launcher alone, which stops the units in order.
             .process_group(0);
-        if unit.watchdog.is_none() {
-            command.env_remove("WATCHDOG_USEC");
-        }
         let setup = ChildSetup::of(unit);
         // SAFETY: `apply` makes system calls on numbers that it owns; it neither allocates nor
         // locks.
@@ -98,9 +96,9 @@ impl Process {
         self.handle.as_fd()
     }
 
-    /// Sends a signal, and SIGCONT so that a stopped process can act on it.
-    pub(crate) fn ask_to_stop(&self, signal: Signal) {
-        let _ = pidfd_send_signal(&self.handle, signal);
+    /// Sends SIGTERM, and SIGCONT so that a stopped process can act on it.
+    pub(crate) fn ask_to_stop(&self) {
+        let _ = pidfd_send_signal(&self.handle, Signal::TERM);
         let _ = pidfd_send_signal(&self.handle, Signal::CONT);
     }
 
@@ -127,32 +125,22 @@ impl Process {
     }
 }
 
-fn environment(
-    unit: &Unit,
-    config: &Config,
-    run_dir: &RunDir,
-) -> BTreeMap<String, std::ffi::OsString> {
-    let mut variables: BTreeMap<String, std::ffi::OsString> = BTreeMap::new();
-    let installed = unit.runtime_directory.as_ref().map(|relative| format!("/run/{relative}"));
-    for (name, value) in &unit.environment {
-        let rest = installed.as_ref().and_then(|installed| value.strip_prefix(installed.as_str()));
-        let value = match rest {
-            Some("") => run_dir.path().into(),
-            Some(rest) if rest.starts_with('/') => run_dir.path().join(&rest[1..]).into(),
-            _ => value.into(),
-        };
-        variables.insert(name.clone(), value);
-    }
-    variables.extend(config.environment.iter().map(|(name, value)| (name.clone(), value.into())));
-    if installed.is_some() {
-        variables.insert("RUNTIME_DIRECTORY".to_owned(), run_dir.path().into());
-    }
-    if let Some(watchdog) = unit.watchdog {
-        variables.insert("WATCHDOG_USEC".to_owned(), watchdog.as_micros().to_string().into());
-    }
-    variables.insert(SOCKET_VARIABLE.to_owned(), run_dir.notify_socket().into());
-    variables.insert(UNIT_VARIABLE.to_owned(), unit.name.clone().into());
-    variables
+/// The variables of a process; those of the configuration go before the rig's name and directory.
+fn environment(unit: &Unit, config: &Config, run_dir: &RunDir) -> BTreeMap<String, OsString> {
+    let directory = || OsString::from(run_dir.path());
+    let rig = [
+        ("FARREACH_RIG_NAME", OsString::from(&config.rig_name)),
+        ("FARREACH_RUN_DIR", directory()),
+    ];
+    let given = config.environment.iter().map(|(name, value)| (name.as_str(), value.into()));
+    let own = [
+        ("RUNTIME_DIRECTORY", directory()),
+        ("WATCHDOG_USEC", unit.watchdog.as_micros().to_string().into()),
+        (SOCKET_VARIABLE, run_dir.notify_socket().into()),
+        (UNIT_VARIABLE, OsString::from(&unit.name)),
+    ];
+    let all = rig.into_iter().chain(given).chain(own);
+    all.map(|(name, value)| (name.to_owned(), value)).collect()
 }
 
 /// Living processes of this rig by their environment, with their units; also those whose launcher

@@ -18,10 +18,12 @@ pub struct RunDir(PathBuf);
 
 /// Why the launcher ended before the rig was up, for `start`.
 #[derive(Clone, Debug, Serialize, Deserialize)]
-pub(crate) struct StartError {
-    pub(crate) message: String,
-    pub(crate) start_failure: Option<StartFailure>,
-    pub(crate) broken_off: Option<String>,
+pub(crate) enum StartError {
+    Unit(StartFailure),
+    /// What aborted it.
+    BrokenOff(String),
+    /// The launcher's own message.
+    Other(String),
 }
 
 impl RunDir {

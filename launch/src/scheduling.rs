@@ -1,13 +1,13 @@
-//! Scheduling class, processors and limits: requested between fork and exec, then read back from
+//! Scheduling class and limits: requested between fork and exec, then read back from
 //! the kernel.
 
 use std::fs;
 
 use rustix::process::{Pid, Resource, Rlimit, getrlimit, setrlimit};
-use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity};
+use rustix::thread::{CpuSet, sched_getaffinity};
 use serde::{Deserialize, Serialize};
 
-use crate::units::{Limit, SchedulingPolicy, Unit};
+use crate::units::{SchedulingPolicy, Unit};
 
 /// Scheduling requested and granted.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -26,53 +26,34 @@ pub struct Scheduling {
 /// plain numbers.
 #[derive(Clone, Copy)]
 pub(crate) struct ChildSetup {
-    memlock: Option<Limit>,
-    rtprio: Option<Limit>,
+    locks_memory: bool,
+    rtprio: Option<u64>,
     policy: SchedulingPolicy,
-    cores: Option<CpuSet>,
 }
 
 impl ChildSetup {
     pub(crate) fn of(unit: &Unit) -> Self {
-        let available = sched_getaffinity(None).ok();
-        let mut cores = CpuSet::new();
-        for &core in &unit.cpu_affinity {
-            if core < CpuSet::MAX_CPU && available.is_none_or(|available| available.is_set(core)) {
-                cores.set(core);
-            }
-        }
-        Self {
-            memlock: unit.limit_memlock,
-            rtprio: unit.limit_rtprio,
-            policy: unit.scheduling,
-            // On a computer with fewer processors, any is better than none.
-            cores: (cores.count() > 0).then_some(cores),
-        }
+        Self { locks_memory: unit.locks_memory, rtprio: unit.limit_rtprio, policy: unit.scheduling }
     }
 
     /// Requests everything and continues without what is refused. System calls only.
     pub(crate) fn apply(&self) {
-        raise(Resource::Memlock, self.memlock);
-        raise(Resource::Rtprio, self.rtprio);
-        let granted = match self.policy {
-            SchedulingPolicy::Other => true,
+        if self.locks_memory {
+            raise(Resource::Memlock, None);
+        }
+        if self.rtprio.is_some() {
+            raise(Resource::Rtprio, self.rtprio);
+        }
+        match self.policy {
+            SchedulingPolicy::Other => {}
             SchedulingPolicy::Fifo(priority) => set_scheduler(libc::SCHED_FIFO, priority),
             SchedulingPolicy::Rr(priority) => set_scheduler(libc::SCHED_RR, priority),
-        };
-        // Without its class, a loop is better off on any free processor than queued on one.
-        if let (true, Some(cores)) = (granted, &self.cores) {
-            let _ = sched_setaffinity(None, cores);
         }
     }
 }
 
-/// Sets a limit, or as much of it as this user is allowed.
-fn raise(resource: Resource, limit: Option<Limit>) {
-    let Some(limit) = limit else { return };
-    let wanted = match limit {
-        Limit::Infinity => None,
-        Limit::Value(value) => Some(value),
-    };
+/// Sets a limit (`None`: unlimited), or as much of it as this user is allowed.
+fn raise(resource: Resource, wanted: Option<u64>) {
     if setrlimit(resource, Rlimit { current: wanted, maximum: wanted }).is_err() {
         let maximum = getrlimit(resource).maximum;
         let current = match (wanted, maximum) {
@@ -84,11 +65,11 @@ fn raise(resource: Resource, limit: Option<Limit>) {
     }
 }
 
-fn set_scheduler(policy: libc::c_int, priority: libc::c_int) -> bool {
+fn set_scheduler(policy: libc::c_int, priority: libc::c_int) {
     let parameters = libc::sched_param { sched_priority: priority };
     // SAFETY: the pointer is to a live, initialised sched_param that the kernel only reads; pid 0
     // is the caller.
-    unsafe { libc::sched_setscheduler(0, policy, &raw const parameters) == 0 }
+    unsafe { libc::sched_setscheduler(0, policy, &raw const parameters) };
 }
 
 /// Scheduling of a process. The caller ensures that the pid is still that of the process.
@@ -132,20 +113,20 @@ impl Scheduling {
             let has = granted.map_or_else(|| "unknown".to_owned(), |granted| granted.to_string());
             refused.push(format!("CPUSchedulingPolicy={}: it has {has}", unit.scheduling));
         }
-        let cores = cores(pid);
-        if !unit.cpu_affinity.is_empty() && cores != unit.cpu_affinity {
-            refused.push(format!("CPUAffinity={:?}: it may run on {cores:?}", unit.cpu_affinity));
-        }
         let limits = fs::read_to_string(format!("/proc/{pid}/limits")).unwrap_or_default();
         for (key, name, wanted) in [
-            ("LimitMEMLOCK", "Max locked memory", unit.limit_memlock),
-            ("LimitRTPRIO", "Max realtime priority", unit.limit_rtprio),
+            (
+                "LimitMEMLOCK",
+                "Max locked memory",
+                unit.locks_memory.then(|| "unlimited".to_owned()),
+            ),
+            (
+                "LimitRTPRIO",
+                "Max realtime priority",
+                unit.limit_rtprio.map(|limit| limit.to_string()),
+            ),
         ] {
             let (Some(wanted), Some(has)) = (wanted, soft_limit(&limits, name)) else { continue };
-            let wanted = match wanted {
-                Limit::Infinity => "unlimited".to_owned(),
-                Limit::Value(value) => value.to_string(),
-            };
             if has != wanted {
                 refused.push(format!("{key}={wanted}: it has {has}"));
             }
@@ -156,7 +137,7 @@ impl Scheduling {
                 refused.push(format!("OOMScoreAdjust={wanted}: it has {}", has.trim()));
             }
         }
-        Self { asked: unit.scheduling, granted, cores, refused }
+        Self { asked: unit.scheduling, granted, cores: cores(pid), refused }
     }
 }
 

@@ -20,7 +20,7 @@ use crate::notify::{Notification, NotifySocket};
 use crate::process::{self, Process};
 use crate::run_dir::StartError;
 use crate::status::{StopReport, UnitState, UnitStop, unix_ms};
-use crate::units::{StopSignal, Unit};
+use crate::units::Unit;
 use crate::{Config, Error, ProcessIdentity, RunDir, Scheduling, boot_id};
 
 /// `status.json` is written at least this often.
@@ -49,18 +49,10 @@ pub fn launcher_main(run_dir: &Path) -> Result<(), Error> {
         Supervisor::open(config, &run_dir, lock)?.until_stopped()
     };
     supervised().map(|_| ()).inspect_err(|error| {
-        let cause = StartError {
-            message: error.to_string(),
-            start_failure: if let Error::Start(failure) = error {
-                Some(failure.clone())
-            } else {
-                None
-            },
-            broken_off: if let Error::BrokenOff { cause, .. } = error {
-                Some(cause.clone())
-            } else {
-                None
-            },
+        let cause = match error {
+            Error::Start(failure) => StartError::Unit(failure.clone()),
+            Error::BrokenOff { cause, .. } => StartError::BrokenOff(cause.clone()),
+            other => StartError::Other(other.to_string()),
         };
         // If it cannot be written, `start` shows the log instead.
         let _ = run_dir.write_json(&run_dir.failure_json(), &cause);
@@ -71,8 +63,7 @@ pub fn launcher_main(run_dir: &Path) -> Result<(), Error> {
 /// [`crate::stop`] ends it. For `up --foreground`; [`crate::start`] uses a process of its own.
 ///
 /// # Errors
-/// If the rig is already up, a unit file is invalid, or a unit cannot be brought up: then all is
-/// stopped.
+/// If the rig is already up, or a unit cannot be brought up: then all is stopped.
 pub fn supervise(config: Config) -> Result<StopReport, Error> {
     let config = config.checked()?;
     let run_dir = RunDir::new(&config.run_dir);
@@ -82,7 +73,6 @@ pub fn supervise(config: Config) -> Result<StopReport, Error> {
 
 /// Locks the run directory, checks for living processes, and writes `launch.json`.
 pub(crate) fn prepare(config: &Config, run_dir: &RunDir) -> Result<File, Error> {
-    config.load_units()?;
     run_dir.create()?;
     let lock = run_dir.lock()?.ok_or_else(|| run_dir.already_up(&config.rig_name))?;
     let leftovers = process::leftovers(run_dir)?;
@@ -137,7 +127,7 @@ pub(crate) struct Supervisor {
 impl Supervisor {
     /// Opens the sockets and adopts the processes that an earlier launcher left alive.
     pub(crate) fn open(config: Config, run_dir: &RunDir, lock: OwnedFd) -> Result<Self, Error> {
-        let units = config.load_units()?;
+        let units = config.units.clone();
         let identity = ProcessIdentity::own().ok_or_else(|| {
             Error::system("read /proc/self/stat", std::io::Error::other("/proc is not there"))
         })?;
@@ -328,10 +318,7 @@ impl Supervisor {
                 let supervised = &self.units[index];
                 self.journal.say(&format!("{}: asked to stop", supervised.unit.name));
                 if let Some(process) = &supervised.process {
-                    process.ask_to_stop(match supervised.unit.kill_signal {
-                        StopSignal::Terminate => Signal::TERM,
-                        StopSignal::Interrupt => Signal::INT,
-                    });
+                    process.ask_to_stop();
                 }
             }
             Action::Kill(index) => {

@@ -1,24 +1,22 @@
-//! The unit files: what the parser accepts and refuses, and what systemd says about them.
+//! The unit files: generated from the table of processes, in agreement with the launcher's units
+//! and with systemd.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 use std::collections::BTreeMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::Command;
-use std::time::Duration;
 
-use ipc_types::{CardKind, PROCESSES, ProcessEntry, processes_with};
-use launch::units::{Limit, Restart, SchedulingPolicy, UnitError, UnitSet, parse_service};
+use ipc_types::{PROCESSES, ProcessEntry};
+use launch::lifecycle::{NO_RESTART, RESTART_DELAY, START_LIMIT, START_LIMIT_INTERVAL};
+use launch::units::{PRIORITY_LIMIT, START_PRIORITY, SchedulingPolicy, Unit};
 
-const MINIMAL: &str = "[Service]\nType=notify\n\
-    ExecStart=/usr/local/bin/farreach service control\nTimeoutStartSec=10s\nTimeoutStopSec=3s\n";
-
-fn parse(text: &str) -> Result<launch::units::Unit, UnitError> {
-    parse_service(Path::new("units/farreach-control@.service"), "control", text, "bench")
+fn directory() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("units")
 }
 
-fn all() -> Vec<launch::units::Unit> {
-    let wanted: Vec<String> = PROCESSES.iter().map(|entry| entry.name().to_owned()).collect();
-    UnitSet::embedded().load(&wanted, "bench").unwrap()
+/// The units that the launcher makes of the table.
+fn all() -> Vec<Unit> {
+    PROCESSES.iter().map(Unit::of).collect()
 }
 
 /// `Key=`, with at most three units a line.
@@ -67,7 +65,7 @@ fn service(entry: &ProcessEntry) -> String {
 
 const GENERATED: &str = "\
 # Generated from ipc-types/src/process.rs: UPDATE_UNITS=1 cargo test -p launch --test unit_files
-# Read by systemd and by farreach's own launcher; launch/README.md lists the keys that it honours.
+# farreach's own launcher does the same by the same table.
 ";
 const WAITS: &str = "\
 # Wants= and After=, not Requires= or BindsTo=: a start waits for the keeper, but a keeper that dies
@@ -126,7 +124,7 @@ fn the_unit_files_are_those_of_the_table_of_processes() {
         .map(|entry| (format!("farreach-{}@.service", entry.name()), service(entry)))
         .collect();
     expected.insert("farreach@.target".to_owned(), target());
-    let directory = Path::new(env!("CARGO_MANIFEST_DIR")).join("units");
+    let directory = directory();
     if std::env::var_os("UPDATE_UNITS").is_some_and(|value| value == "1") {
         for (name, text) in &expected {
             std::fs::write(directory.join(name), text).unwrap();
@@ -137,33 +135,71 @@ fn the_unit_files_are_those_of_the_table_of_processes() {
         let found = std::fs::read_to_string(directory.join(name)).unwrap_or_default();
         assert_eq!(&found, text, "{name}: stale; run the test with UPDATE_UNITS=1");
     }
-    let embedded: Vec<_> = UnitSet::embedded().files().map(|(name, _)| name.to_owned()).collect();
-    assert_eq!(embedded, expected.into_keys().collect::<Vec<_>>());
+    let mut found: Vec<_> = std::fs::read_dir(directory)
+        .unwrap()
+        .map(|entry| entry.unwrap().file_name().into_string().unwrap())
+        .collect();
+    found.sort();
+    assert_eq!(found, expected.into_keys().collect::<Vec<_>>());
+}
+
+/// What systemd is told and what the launcher does are the same.
+#[test]
+fn the_unit_files_say_what_the_launcher_does() {
+    for unit in all() {
+        let text =
+            std::fs::read_to_string(directory().join(format!("farreach-{}@.service", unit.name)))
+                .unwrap();
+        let value = |key: &str| {
+            let mut lines = text.lines();
+            lines.find_map(|line| line.strip_prefix(key)?.strip_prefix('=')).map(str::to_owned)
+        };
+        let names = |names: &[String]| {
+            let files: Vec<_> =
+                names.iter().map(|name| format!("farreach-{name}@%i.service")).collect();
+            (!files.is_empty()).then(|| files.join(" "))
+        };
+        let after = text.lines().filter_map(|line| line.strip_prefix("After="));
+        let after = after.collect::<Vec<_>>().join(" ");
+        assert_eq!(Some(after).filter(|list| !list.is_empty()), names(&unit.after));
+        let (class, priority) = match unit.scheduling {
+            SchedulingPolicy::Fifo(priority) => (Some("fifo"), Some(priority)),
+            _ => (None, None),
+        };
+        for (key, wanted) in [
+            ("Wants", names(&unit.gates)),
+            ("CPUSchedulingPolicy", class.map(str::to_owned)),
+            ("CPUSchedulingPriority", priority.map(|priority| priority.to_string())),
+            ("LimitRTPRIO", unit.limit_rtprio.map(|limit| limit.to_string())),
+            ("LimitMEMLOCK", unit.locks_memory.then(|| "infinity".to_owned())),
+            ("OOMScoreAdjust", unit.oom_score_adjust.map(|score| score.to_string())),
+            ("TimeoutStartSec", Some(format!("{:?}", unit.timeout_start))),
+            ("TimeoutStopSec", Some(format!("{:?}", unit.timeout_stop))),
+            ("WatchdogSec", Some(format!("{:?}", unit.watchdog))),
+            ("RestartSec", Some(format!("{RESTART_DELAY:?}"))),
+            ("RestartPreventExitStatus", Some(NO_RESTART.to_string())),
+            ("StartLimitBurst", Some(START_LIMIT.to_string())),
+            ("StartLimitIntervalSec", Some(format!("{START_LIMIT_INTERVAL:?}"))),
+        ] {
+            assert_eq!(value(key), wanted, "{}: {key}", unit.name);
+        }
+    }
 }
 
 #[test]
-fn the_keeper_starts_first_and_the_watchdog_last() {
-    let names: Vec<String> = all().into_iter().map(|unit| unit.name).collect();
-    assert_eq!((names[0].as_str(), names.last().unwrap().as_str()), ("keeper", "watchdog"));
-    assert_eq!(names.len(), PROCESSES.len());
-}
-
-#[test]
-fn a_rig_with_a_card_starts_no_simulator() {
-    let set = UnitSet::embedded();
-    let units = set.load(&set.target("bench").unwrap(), "bench").unwrap();
-    let mut names: Vec<_> = units.iter().map(|unit| unit.name.as_str()).collect();
-    let mut expected: Vec<_> = processes_with(CardKind::Replay).map(|entry| entry.name()).collect();
-    names.sort_unstable();
-    expected.sort_unstable();
-    assert_eq!(names, expected);
-    assert!(!names.contains(&"simulator"));
+fn some_order_starts_every_unit_after_those_that_it_names() {
+    let mut left = all();
+    while !left.is_empty() {
+        let names: Vec<String> = left.iter().map(|unit| unit.name.clone()).collect();
+        left.retain(|unit| unit.after.iter().any(|name| names.contains(name)));
+        assert!(left.len() < names.len(), "each after another: {names:?}");
+    }
 }
 
 #[test]
 fn every_other_unit_waits_for_the_keeper() {
     for unit in all().iter().filter(|unit| unit.name != "keeper") {
-        assert_eq!(unit.gates().collect::<Vec<_>>(), ["keeper"], "{}", unit.name);
+        assert_eq!(unit.gates, ["keeper"], "{}", unit.name);
     }
 }
 
@@ -180,127 +216,11 @@ fn the_watchdog_starts_after_all_that_it_supervises() {
 /// its start.
 #[test]
 fn units_start_below_the_priority_of_every_loop_and_may_raise_it() {
-    let units = all();
-    for entry in PROCESSES.iter().filter(|entry| entry.real_time.is_some()) {
-        let name = entry.name();
-        let unit = units.iter().find(|unit| unit.name == name).unwrap();
-        assert_eq!(unit.scheduling, SchedulingPolicy::Fifo(10), "{name}");
-        assert_eq!(unit.limit_rtprio, Some(Limit::Value(90)), "{name}");
-        // Without isolated cores, a loop bound to one core can wait for it while another is idle.
-        assert!(unit.cpu_affinity.is_empty(), "{name}");
+    for entry in PROCESSES {
+        let Some(real_time) = entry.real_time else { continue };
+        assert!(START_PRIORITY < real_time.priority, "{}", entry.name());
+        assert!(real_time.priority as u64 <= PRIORITY_LIMIT, "{}", entry.name());
     }
-}
-
-#[test]
-fn every_unit_is_restarted_within_the_span_of_the_cards_fifo() {
-    for unit in all() {
-        assert_eq!(unit.restart, Restart::OnFailure, "{}", unit.name);
-        assert!(unit.restart_delay <= Duration::from_millis(50), "{}", unit.name);
-        assert!(unit.watchdog.is_some(), "{}", unit.name);
-        assert_eq!(unit.exec_start[1..], ["service".to_owned(), unit.name.clone()]);
-    }
-}
-
-#[test]
-fn an_unknown_key_names_file_line_key_and_what_is_supported() {
-    let error = parse(&format!("{MINIMAL}WatchdgSec=2s\n")).unwrap_err();
-    let UnitError::Key { line: 6, ref section, ref key, ref supported, .. } = error else {
-        panic!("{error:?}")
-    };
-    assert_eq!((section.as_str(), key.as_str()), ("Service", "WatchdgSec"));
-    assert!(supported.contains("WatchdogSec"));
-    let text = error.to_string();
-    assert!(text.starts_with(
-        "units/farreach-control@.service:6: key `WatchdgSec` in [Service] is not supported"
-    ));
-}
-
-#[test]
-fn unsupported_values_are_refused() {
-    let value = |line: &str| {
-        let error = parse(&format!("{MINIMAL}{line}\n")).unwrap_err();
-        assert!(matches!(error, UnitError::Value { line: 6, .. }), "{line}: {error:?}");
-        assert!(error.to_string().contains("expected "), "{error}");
-    };
-    for line in [
-        "KillMode=process",
-        "NotifyAccess=all",
-        "WatchdogSignal=SIGABRT",
-        "Restart=on-abort",
-        "RestartSec=1h",
-        "CPUSchedulingPriority=0",
-        "CPUAffinity=numa",
-        "LimitMEMLOCK=8M",
-        "OOMScoreAdjust=-1001",
-        "Environment=\"A=b c\"",
-        "Environment=A=%n",
-        "EnvironmentFile=",
-        "RuntimeDirectory=../etc",
-    ] {
-        value(line);
-    }
-    assert!(matches!(parse("[Servce]\n"), Err(UnitError::Section { line: 1, .. })));
-    assert!(matches!(
-        parse("[Unit]\nRequires=farreach-keeper@%i.service\n"),
-        Err(UnitError::Key { .. })
-    ));
-    assert!(matches!(
-        parse(&format!("[Unit]\nAfter=network.target\n{MINIMAL}")),
-        Err(UnitError::Value { .. })
-    ));
-    assert!(matches!(parse("Type=notify\n"), Err(UnitError::Syntax { line: 1, .. })));
-    assert!(matches!(parse("[Unit]\nnonsense\n"), Err(UnitError::Syntax { line: 2, .. })));
-    assert!(matches!(
-        parse("[Service]\nExecStart=/a \\\n b\n"),
-        Err(UnitError::Syntax { line: 2, .. })
-    ));
-    assert!(matches!(
-        parse(&format!("{MINIMAL}WatchdogSec=1s\nWatchdogSec=2s\n")),
-        Err(UnitError::Repeated { line: 7, first: 6, .. })
-    ));
-    assert!(matches!(
-        parse(&MINIMAL.replace("Type=notify\n", "")),
-        Err(UnitError::Missing { section: "Service", key: "Type", .. })
-    ));
-    assert!(matches!(
-        parse(&format!("{MINIMAL}CPUSchedulingPolicy=fifo\n")),
-        Err(UnitError::Missing { key: "CPUSchedulingPriority", .. })
-    ));
-    assert!(matches!(
-        parse(&MINIMAL.replace("/usr/local/bin/", "")),
-        Err(UnitError::Value { line: 3, .. })
-    ));
-}
-
-#[test]
-fn install_and_specifiers_are_accepted() {
-    let text = format!(
-        "{MINIMAL}Environment=RIG=%i SHARE=90%%\n\n[Install]\nWantedBy=farreach@%i.target\n"
-    );
-    let unit = parse(&text).unwrap();
-    assert_eq!(
-        unit.environment,
-        [("RIG".to_owned(), "bench".to_owned()), ("SHARE".to_owned(), "90%".to_owned())]
-    );
-}
-
-#[test]
-fn a_dependency_cycle_and_an_unknown_unit_are_errors() {
-    let directory = tempfile::tempdir().unwrap();
-    for (name, after) in [("a", "b"), ("b", "a")] {
-        let text = format!("[Unit]\nAfter=farreach-{after}@%i.service\n{MINIMAL}");
-        std::fs::write(directory.path().join(format!("farreach-{name}@.service")), text).unwrap();
-    }
-    let set = UnitSet::from_directory(directory.path()).unwrap();
-    assert_eq!(
-        set.load(&["a".to_owned()], "bench").map(|units| units.len()),
-        Ok(1),
-        "only the requested units count"
-    );
-    let ring = set.load(&["a".to_owned(), "b".to_owned()], "bench").unwrap_err();
-    assert_eq!(ring, UnitError::Ring("a, b".to_owned()));
-    let unknown = set.load(&["c".to_owned()], "bench").unwrap_err();
-    assert!(unknown.to_string().contains("there are: a, b"), "{unknown}");
 }
 
 /// systemd-analyze exits with 0 even on an unknown key, so the test asserts that it prints nothing.
@@ -312,15 +232,17 @@ fn systemd_analyze_verify_prints_nothing() {
         );
         return;
     }
-    let directory = tempfile::tempdir().unwrap();
+    let copies = tempfile::tempdir().unwrap();
     let verify = |spoil: bool| {
         let mut files = Vec::new();
-        for (name, text) in UnitSet::embedded().files() {
+        for entry in std::fs::read_dir(directory()).unwrap() {
+            let entry = entry.unwrap();
+            let text = std::fs::read_to_string(entry.path()).unwrap();
             let mut text = text.replace("/usr/local/bin/farreach", "/bin/true");
             if spoil {
                 text = text.replace("WatchdogSec", "WatchdgSec");
             }
-            let path = directory.path().join(name);
+            let path = copies.path().join(entry.file_name());
             std::fs::write(&path, text).unwrap();
             files.push(path);
         }

@@ -1,11 +1,13 @@
-//! The part of a unit file that governs its lifecycle.
+//! The part of a unit that governs its lifecycle.
 
 use std::time::Duration;
 
-use super::Exit;
-use crate::units::{Restart, Unit};
+use crate::units::Unit;
 
-/// The part of a unit file that governs its lifecycle; refers to other units by index.
+/// Starts allowed within [`super::START_LIMIT_INTERVAL`] (`StartLimitBurst=`).
+pub const START_LIMIT: u32 = 10;
+
+/// The part of a unit that governs its lifecycle; refers to other units by index.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Policy {
     /// Units started before this one and stopped after it.
@@ -16,44 +18,32 @@ pub struct Policy {
     pub timeout_start: Duration,
     /// Time allowed from the request to stop to the end.
     pub timeout_stop: Duration,
-    /// Longest silence.
+    /// Longest silence; `None` where nothing is watched.
     pub watchdog: Option<Duration>,
-    /// When to start again.
-    pub restart: Restart,
-    /// Shortest pause before a restart.
-    pub restart_delay: Duration,
-    /// Exit codes after which there is no restart.
-    pub restart_prevent_exit_status: Vec<i32>,
-    /// Starts allowed within the interval; 0 for no limit.
-    pub start_limit_burst: u32,
-    /// That interval.
-    pub start_limit_interval: Duration,
+    /// Starts allowed within [`super::START_LIMIT_INTERVAL`].
+    pub start_limit: u32,
 }
 
 impl Policy {
     /// The policies of units, in the same order. Names of units that are not among them do not
     /// count.
     pub fn of(units: &[Unit]) -> Vec<Self> {
-        let index = |name: &String| units.iter().position(|unit| unit.name == *name);
+        let indices = |names: &[String]| {
+            names
+                .iter()
+                .filter_map(|name| units.iter().position(|unit| unit.name == *name))
+                .collect()
+        };
         units
             .iter()
             .map(|unit| Self {
-                after: unit.after.iter().filter_map(index).collect(),
-                gates: unit.gates().filter_map(index).collect(),
+                after: indices(&unit.after),
+                gates: indices(&unit.gates),
                 timeout_start: unit.timeout_start,
                 timeout_stop: unit.timeout_stop,
-                watchdog: unit.watchdog,
-                restart: unit.restart,
-                restart_delay: unit.restart_delay,
-                restart_prevent_exit_status: unit.restart_prevent_exit_status.clone(),
-                start_limit_burst: unit.start_limit_burst,
-                start_limit_interval: unit.start_limit_interval,
+                watchdog: Some(unit.watchdog),
+                start_limit: START_LIMIT,
             })
             .collect()
-    }
-
-    /// Whether there is no restart after this end.
-    pub(super) fn prevents(&self, exit: Exit) -> bool {
-        matches!(exit, Exit::Code(code) if self.restart_prevent_exit_status.contains(&code))
     }
 }

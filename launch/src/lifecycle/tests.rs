@@ -10,11 +10,7 @@ fn policies() -> Vec<Policy> {
         timeout_start: 100 * MS,
         timeout_stop: 30 * MS,
         watchdog: Some(20 * MS),
-        restart: Restart::OnFailure,
-        restart_delay: 50 * MS,
-        restart_prevent_exit_status: vec![2],
-        start_limit_burst: 0,
-        start_limit_interval: Duration::from_secs(20),
+        start_limit: u32::MAX,
     };
     vec![
         Policy { watchdog: None, ..plain.clone() },
@@ -189,7 +185,7 @@ fn stopped_in_the_reverse_order_and_killed_when_they_do_not_respond() {
 #[test]
 fn a_storm_of_restarts_is_limited_until_a_person_asks() {
     let mut policies = policies();
-    policies[CONTROL].start_limit_burst = 3;
+    policies[CONTROL].start_limit = 3;
     let mut lifecycle = Lifecycle::new(policies);
     let mut now = Duration::ZERO;
     for unit in [KEEPER, CONTROL, WATCHDOG] {
@@ -214,7 +210,7 @@ fn a_storm_of_restarts_is_limited_until_a_person_asks() {
 #[test]
 fn starts_long_ago_do_not_count_as_a_storm() {
     let mut policies = policies();
-    policies[CONTROL].start_limit_burst = 2;
+    policies[CONTROL].start_limit = 2;
     policies[CONTROL].watchdog = None;
     let mut lifecycle = Lifecycle::new(policies);
     let mut now = Duration::ZERO;

@@ -4,8 +4,10 @@
 mod rig;
 
 use std::process::Command;
+use std::time::Duration;
 
-use launch::units::{SchedulingPolicy, UnitSet};
+use ipc_types::PROCESSES;
+use launch::units::SchedulingPolicy;
 use launch::{Error, ProcessIdentity, RigState, RunDir, UnitState};
 use rig::{Rig, until};
 use rustix::process::Signal;
@@ -52,15 +54,14 @@ fn started_in_order_and_stopped_in_reverse() {
 }
 
 #[test]
-fn embedded_units_start_the_keeper_first_and_stop_the_watchdog_first() {
+fn the_rigs_processes_start_with_the_keeper_and_stop_with_it() {
     let mut rig = Rig::new();
-    rig.config.units_directory = None;
-    rig.config.units = vec!["watchdog".to_owned(), "simulator".to_owned()];
-    rig.config.units.extend(UnitSet::embedded().target("test").unwrap());
-    rig.start().unwrap();
-    let units = rig.config.load_units().unwrap();
-    let order: Vec<&str> = units.iter().map(|unit| unit.name.as_str()).collect();
+    rig.config.units.clear();
+    rig.config = rig.config.clone().with_processes(PROCESSES);
+    let running = rig.start().unwrap();
+    let order: Vec<&str> = running.status.units.iter().map(|unit| unit.name.as_str()).collect();
     assert_eq!((order[0], *order.last().unwrap()), ("keeper", "watchdog"));
+    assert_eq!(order.len(), PROCESSES.len());
     let ready: Vec<_> = order.iter().map(|name| format!("{name} ready")).collect();
     assert_eq!(rig.events(&["ready"]), ready);
     let status = rig.status();
@@ -79,14 +80,7 @@ fn embedded_units_start_the_keeper_first_and_stop_the_watchdog_first() {
 #[test]
 fn environment_of_the_processes() {
     let mut rig = Rig::new();
-    rig.unit(
-        "c",
-        &[
-            ("Environment", "RIG=%i LOGS=/run/farreach/%i/logs BOTH=unit"),
-            ("RuntimeDirectory", "farreach/%i"),
-        ],
-    );
-    rig.config.environment.insert("BOTH".to_owned(), "configuration".to_owned());
+    rig.config.environment.insert("OWN".to_owned(), "configuration".to_owned());
     rig.start().unwrap();
     let environment = std::fs::read(format!("/proc/{}/environ", rig.process("c").pid)).unwrap();
     let has = |name: &str, value: &str| {
@@ -97,10 +91,10 @@ fn environment_of_the_processes() {
         );
     };
     let run_dir = rig.run_dir().to_str().unwrap();
-    has("RIG", "test");
-    has("LOGS", &format!("{run_dir}/logs"));
+    has("FARREACH_RIG_NAME", "test");
+    has("FARREACH_RUN_DIR", run_dir);
     has("RUNTIME_DIRECTORY", run_dir);
-    has("BOTH", "configuration");
+    has("OWN", "configuration");
     has("WATCHDOG_USEC", "30000000");
     has("NOTIFY_SOCKET", &format!("{run_dir}/notify.sock"));
     rig.stop().unwrap();
@@ -145,7 +139,7 @@ fn a_killed_process_is_restarted_and_the_others_keep_running() {
 fn a_start_that_hangs_is_killed_and_repeated() {
     let mut rig = Rig::new();
     rig.behave("b", "hang-once");
-    rig.unit("b", &[("TimeoutStartSec", "1s")]);
+    rig.unit("b").timeout_start = Duration::from_secs(1);
     rig.start().unwrap();
     let starts =
         rig.journal().into_iter().filter(|(name, event, _)| name == "b" && event == "start");
@@ -194,7 +188,7 @@ fn a_missing_executable_is_an_error() {
 fn a_silent_watchdog_is_killed_and_restarted() {
     let mut rig = Rig::new();
     rig.behave("c", "mute-once");
-    rig.unit("c", &[("WatchdogSec", "500ms")]);
+    rig.unit("c").watchdog = Duration::from_millis(500);
     rig.start().unwrap();
     let first = rig.journal().into_iter().find(|(name, _, _)| name == "c").unwrap().2;
     rig.until_replaced("c", first);
@@ -210,7 +204,7 @@ fn a_silent_watchdog_is_killed_and_restarted() {
 fn a_process_that_ignores_sigterm_is_killed_after_its_stop_timeout() {
     let mut rig = Rig::new();
     rig.behave("c", "ignore-sigterm");
-    rig.unit("c", &[("TimeoutStopSec", "200ms")]);
+    rig.unit("c").timeout_stop = Duration::from_millis(200);
     rig.start().unwrap();
     let report = rig.stop().unwrap();
     assert_eq!((report.units[0].name.as_str(), report.units[0].killed), ("c", true));
@@ -266,8 +260,8 @@ fn running_processes_are_adopted_by_the_next_launcher() {
 
 #[test]
 fn an_adopted_process_reaches_the_new_launchers_watchdog() {
-    let rig = Rig::new();
-    rig.unit("c", &[("WatchdogSec", "1s")]);
+    let mut rig = Rig::new();
+    rig.unit("c").watchdog = Duration::from_secs(1);
     rig.start().unwrap();
     let before = rig.process("c");
     rig.kill_launcher();
@@ -396,19 +390,13 @@ fn a_restart_on_request() {
 
 #[test]
 fn the_status_shows_the_scheduling_class_granted() {
-    let rig = Rig::new();
+    let mut rig = Rig::new();
     let may = Command::new("chrt")
         .args(["-f", "10", "true"])
         .output()
         .is_ok_and(|output| output.status.success());
-    rig.unit(
-        "c",
-        &[
-            ("CPUSchedulingPolicy", "fifo"),
-            ("CPUSchedulingPriority", "10"),
-            ("LimitMEMLOCK", "infinity"),
-        ],
-    );
+    rig.unit("c").scheduling = SchedulingPolicy::Fifo(10);
+    rig.unit("c").locks_memory = true;
     rig.start().unwrap();
     let scheduling = rig.status().unit("c").unwrap().scheduling.clone().unwrap();
     assert_eq!(scheduling.asked, SchedulingPolicy::Fifo(10));
@@ -428,13 +416,6 @@ fn the_status_shows_the_scheduling_class_granted() {
 #[test]
 fn invalid_configuration_fails_before_any_process_starts() {
     let mut rig = Rig::new();
-    rig.unit("c", &[("LimitNOFILE", "5")]);
-    let error = rig.start().unwrap_err();
-    assert!(
-        error.to_string().contains("key `LimitNOFILE` in [Service] is not supported"),
-        "{error}"
-    );
-    rig.unit("c", &[]);
     rig.config.rig_name = "../etc".to_owned();
     assert!(matches!(rig.start(), Err(Error::RigName { .. })));
     rig.config.rig_name = "test".to_owned();

@@ -13,6 +13,7 @@ use std::sync::{Arc, OnceLock};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
+use launch::units::{SchedulingPolicy, Unit};
 use launch::{Config, ProcessIdentity, Running, Status, StopReport, UnitState};
 use rustix::process::Signal;
 use sd_notify::NotifyState;
@@ -45,57 +46,36 @@ fn script() -> &'static Path {
     })
 }
 
-/// Keys of a unit in which a test differs from [`Rig::new`].
-pub(crate) type Keys<'a> = &'a [(&'a str, &'a str)];
+/// A unit that starts after others, and needs the first of them.
+fn unit(name: &str, after: &[&str]) -> Unit {
+    let names = |names: &[&str]| names.iter().map(|name| (*name).to_owned()).collect();
+    Unit {
+        name: name.to_owned(),
+        after: names(after),
+        gates: names(&after[..after.len().min(1)]),
+        timeout_start: Duration::from_secs(60),
+        timeout_stop: Duration::from_secs(30),
+        watchdog: Duration::from_secs(30),
+        scheduling: SchedulingPolicy::Other,
+        limit_rtprio: None,
+        locks_memory: false,
+        oom_score_adjust: None,
+    }
+}
 
 impl Rig {
     pub(crate) fn new() -> Self {
         let directory = tempfile::tempdir().unwrap();
-        let units = directory.path().join("units");
-        fs::create_dir(&units).unwrap();
+        let journal = directory.path().join("journal");
         let mut config = Config::new("test", directory.path().join("run"), script())
-            .with_units(["c", "b"])
-            .with_environment(
-                "LAUNCH_TEST_JOURNAL",
-                directory.path().join("journal").to_str().unwrap(),
-            );
-        config.units_directory = Some(units);
-        let rig = Self { directory, config };
-        for name in ["a", "b", "c"] {
-            rig.unit(name, &[]);
-        }
-        rig
+            .with_environment("LAUNCH_TEST_JOURNAL", journal.to_str().unwrap());
+        config.units = vec![unit("c", &["a", "b"]), unit("b", &["a"]), unit("a", &[])];
+        Self { directory, config }
     }
 
-    /// Writes a unit file.
-    pub(crate) fn unit(&self, name: &str, keys: Keys<'_>) {
-        let relations = match name {
-            "b" => "Wants=farreach-a@%i.service\nAfter=farreach-a@%i.service\n",
-            "c" => {
-                "Wants=farreach-a@%i.service\nAfter=farreach-a@%i.service farreach-b@%i.service\n"
-            }
-            _ => "",
-        };
-        let mut text = format!(
-            "[Unit]\n{relations}\n[Service]\nType=notify\nExecStart=/x/farreach service {name}\n"
-        );
-        let defaults = [
-            ("Restart", "on-failure"),
-            ("RestartSec", "20ms"),
-            ("RestartPreventExitStatus", "2"),
-            ("TimeoutStartSec", "60s"),
-            ("TimeoutStopSec", "30s"),
-            ("WatchdogSec", "30s"),
-        ];
-        for (key, value) in defaults
-            .iter()
-            .filter(|(key, _)| !keys.iter().any(|(other, _)| other == key))
-            .chain(keys)
-        {
-            text.push_str(&format!("{key}={value}\n"));
-        }
-        let directory = self.config.units_directory.as_ref().unwrap();
-        fs::write(directory.join(format!("farreach-{name}@.service")), text).unwrap();
+    /// A unit, to be changed.
+    pub(crate) fn unit(&mut self, name: &str) -> &mut Unit {
+        self.config.units.iter_mut().find(|unit| unit.name == name).unwrap()
     }
 
     /// Tells a process how to behave; see [`child`].

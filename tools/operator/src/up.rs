@@ -153,9 +153,8 @@ fn config(
         ("FARREACH_LEARNT", learnt_folder()?),
         (PROFILE_VARIABLE, chosen.map_or_else(String::new, |it| it.text().to_owned())),
     ];
-    let units = processes_with(card.kind).map(|entry| entry.process.text());
-    let config =
-        Config::new(options.rig_name.as_str(), run_dir, &options.executable).with_units(units);
+    let config = Config::new(options.rig_name.as_str(), run_dir, &options.executable)
+        .with_processes(processes_with(card.kind));
     Ok(variables
         .into_iter()
         .fold(config, |config, (name, value)| config.with_environment(name, value)))
@@ -227,7 +226,7 @@ mod tests {
         let options = options(Some(card.clone()));
         let config =
             config(&options, &card, Path::new("/run"), Path::new("/run/rig.toml")).unwrap();
-        assert!(!config.units.contains(&"simulator".to_owned()));
+        assert!(config.units.iter().all(|unit| unit.name != "simulator"));
         let here = std::env::current_dir().unwrap();
         assert_eq!(
             config.environment["FARREACH_REPLAY"],
