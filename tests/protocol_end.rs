@@ -19,7 +19,11 @@ const MOVES: f64 = 0.2;
 /// Largest movement of a handle at rest: two counts of its encoder are noise (rad).
 const AT_REST: f64 = 0.01;
 
-/// What the rig did within half a second.
+/// Samples of half a second, and of two (2 kHz).
+const SHORTLY: &str = "1000";
+const LONG: &str = "4000";
+
+/// What the rig did within some samples.
 struct Observed {
     /// Difference of the handle motor's extreme positions (rad).
     moved_rad: f64,
@@ -43,16 +47,18 @@ impl Bench {
         self.status().is_some_and(|status| status.running)
     }
 
-    /// Starts a client whose protocol moves the handle. A loaded host may trip the rig, rightly;
-    /// then it is repeated.
+    /// Starts a client whose protocol moves the handle. Where the rig has no power, or a loaded host
+    /// trips it, rightly, it is powered and the start repeated.
     fn client(&self) -> Child {
-        for _ in 0..20 {
-            self.power_cycle();
+        for attempt in 0..20 {
+            if attempt > 0 {
+                self.power_cycle();
+            }
             let mut command = self.rig.farreach(["run", "guided-1hz"]);
             command.stdout(Stdio::piped()).stderr(Stdio::piped());
             let mut child = command.spawn().unwrap();
             let moves = wait_for(LIMIT, || {
-                child.try_wait().unwrap().is_some() || self.observe().moved_rad > MOVES
+                child.try_wait().unwrap().is_some() || self.observe(SHORTLY).moved_rad > MOVES
             });
             assert!(moves, "the handle does not move: {:?}", self.status());
             if child.try_wait().unwrap().is_none() && self.running() {
@@ -69,12 +75,12 @@ impl Bench {
     /// motor moves on by up to 0.09 rad within 0.2 s.
     fn power_cycle(&self) {
         let _off = self.rig.run(["disarm"]);
-        assert!(wait_for(LIMIT, || self.observe().moved_rad < AT_REST), "the handle drifts");
+        assert!(wait_for(LIMIT, || self.observe(SHORTLY).moved_rad < AT_REST), "the handle drifts");
         self.rig.power_up();
     }
 
-    fn observe(&self) -> Observed {
-        let echo = self.rig.ok(["probe", "echo", "sample", "--count", "1000", "--json"]);
+    fn observe(&self, samples: &str) -> Observed {
+        let echo = self.rig.ok(["probe", "echo", "sample", "--count", samples, "--json"]);
         let (mut least, mut most, mut volts) = (f64::INFINITY, f64::NEG_INFINITY, 0.0_f64);
         for line in echo.lines() {
             let line: Value = serde_json::from_str(line).unwrap();
@@ -89,11 +95,9 @@ impl Bench {
     /// Powers a rig whose protocol has ended; asserts that neither voltage nor movement follows.
     fn assert_power_moves_nothing(&self, after: &str) {
         self.power_cycle();
-        for _ in 0..4 {
-            let Observed { moved_rad, volts } = self.observe();
-            assert!(volts == 0.0, "{after}: {volts} V at the motor without `run`");
-            assert!(moved_rad < AT_REST, "{after}: the handle moved by {moved_rad} rad");
-        }
+        let Observed { moved_rad, volts } = self.observe(LONG);
+        assert!(volts == 0.0, "{after}: {volts} V at the motor without `run`");
+        assert!(moved_rad < AT_REST, "{after}: the handle moved by {moved_rad} rad");
         assert!(!self.running(), "{after}: {:?}", self.status());
     }
 }
