@@ -2,8 +2,8 @@
 //! alone.
 
 use crate::ParameterError;
-use crate::any::Parameters;
 use crate::effects::{Effect, Site};
+use crate::transmission_kinds::Parameters;
 
 impl Parameters {
     /// Changes the parameters as an effect changes the line's compliance and damping, the

@@ -18,11 +18,11 @@
 //!
 //! - [`hydrostatic`] is the transmission of thesis chapter 3 in its energy-consistent form;
 //! - [`cable`] is the transmission of chapter 5;
-//! - [`any`] is either of them, for whoever knows the kind at run time only;
-//! - [`axes`] is one to three of them at one handle;
+//! - [`transmission_kinds`] is either of them, for whoever knows the kind at run time only;
+//! - [`coupled_axes`] is one to three of them at one handle;
 //! - [`transmission`] is what all transmissions have in common, [`response`] their frequency
 //!   response;
-//! - [`reflected`] has inertia, friction and stiffness of a transmission as its motor feels them;
+//! - [`reflected_dynamics`] has inertia, friction and stiffness of a transmission as its motor feels them;
 //! - [`drive`] is a single mass with friction;
 //! - [`friction`] has the laws of friction and exact stick;
 //! - [`effects`] are the deviations that a declared model may lack, one file each, put into a plant
@@ -32,9 +32,8 @@
 
 #![cfg_attr(test, allow(clippy::unwrap_used, clippy::expect_used))]
 
-pub mod any;
-pub mod axes;
 pub mod cable;
+pub mod coupled_axes;
 pub mod drive;
 pub mod effects;
 mod effects_as_parameters;
@@ -43,10 +42,11 @@ pub mod fourier;
 pub mod friction;
 pub mod hydrostatic;
 mod parameter;
-pub mod reflected;
+pub mod reflected_dynamics;
 pub mod response;
 pub mod sensors;
 pub mod stability;
 pub mod transmission;
+pub mod transmission_kinds;
 
 pub use parameter::{ParameterError, ParameterInfo, ParameterSet};

@@ -105,12 +105,14 @@ fn a_step_of_the_cable_transmission_allocates_nothing() {
 
 #[test]
 fn a_step_of_three_coupled_axes_allocates_nothing() {
-    use plant::{any, axes};
+    use plant::{coupled_axes, transmission_kinds};
     let handle = Parameters::traced().slave_inertia_kg_m2();
-    let axis = || any::Parameters::from(Parameters::traced()).plant(Vec::new()).unwrap();
+    let axis =
+        || transmission_kinds::Parameters::from(Parameters::traced()).plant(Vec::new()).unwrap();
     let coupling =
-        axes::HandleCoupling::of_pairs(3, &[0.3 * handle, -0.2 * handle, 0.2 * handle]).unwrap();
-    let mut plant = axes::Plant::new(vec![axis(), axis(), axis()], &coupling).unwrap();
+        coupled_axes::HandleCoupling::of_pairs(3, &[0.3 * handle, -0.2 * handle, 0.2 * handle])
+            .unwrap();
+    let mut plant = coupled_axes::Plant::new(vec![axis(), axis(), axis()], &coupling).unwrap();
     let before = COUNT.with(Cell::get);
     for index in 0..2000 {
         let input = Input { motor_v: 8.0 * (f64::from(index) * 0.01).sin(), hand_torque_nm: 0.5 };

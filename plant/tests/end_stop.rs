@@ -1,10 +1,10 @@
 //! Hard stops at the handle: they hold, they give no energy, and the torque cell does not see them.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
-use plant::any::{Parameters, Plant};
 use plant::effects::Effect;
 use plant::effects::end_stop::EndStop;
 use plant::transmission::{Input, Transmission};
+use plant::transmission_kinds::{Parameters, Plant};
 use plant::{cable, hydrostatic};
 use proptest::prelude::*;
 

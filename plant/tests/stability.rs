@@ -5,7 +5,7 @@ use plant::stability::{
     Field, HANDS, Hand, Law, LinearModel, Loop, MARGIN, Sampling, check, growth,
 };
 use plant::transmission::{Input, Transmission};
-use plant::{any, hydrostatic};
+use plant::{hydrostatic, transmission_kinds};
 
 const COUNTS: f64 = 4000.0 / std::f64::consts::TAU;
 const SPEED: f64 = 26.18;
@@ -56,7 +56,7 @@ fn frictionless(mut parameters: hydrostatic::Parameters) -> hydrostatic::Paramet
 /// gone.
 fn simulated_growth(parameters: hydrostatic::Parameters, law: Law, seconds: f64) -> f64 {
     let Law::Position { proportional, derivative } = law else { panic!("a position law") };
-    let mut plant = any::Parameters::from(parameters).plant(Vec::new()).unwrap();
+    let mut plant = transmission_kinds::Parameters::from(parameters).plant(Vec::new()).unwrap();
     let weight = 1.0 - (-std::f64::consts::TAU * 40.0 * 2e-3_f64).exp();
     let (mut volts, mut last, mut velocity) = (0.0, 0.0, 0.0);
     let steps = (seconds / 2e-3) as usize;

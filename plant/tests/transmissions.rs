@@ -5,9 +5,9 @@ mod common;
 
 use common::{DT_S, effects, observed_errors, trajectory};
 use plant::ParameterError;
-use plant::any::{Kind, Plant};
 use plant::effects::LIST;
 use plant::transmission::{Correction, Input, Reading, Transmission};
+use plant::transmission_kinds::{Kind, Plant};
 
 fn traced(kind: Kind, names: &[&str]) -> Plant {
     kind.traced().plant(effects(names)).unwrap()

@@ -2,11 +2,11 @@
 
 use crate::axis_control::AxisControl;
 use crate::axis_unit::AxisUnit;
+use crate::checked_toml::{Keys, Section};
 use crate::encoder::Encoder;
 use crate::limits::Limits;
 use crate::parameter::Parameter;
 use crate::rates::Rates;
-use crate::read::{Keys, Section};
 use crate::torque_channel::TorqueChannel;
 
 /// One degree of freedom: a motor with the master encoder, and the handle that it moves.

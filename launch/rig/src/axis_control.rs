@@ -1,12 +1,12 @@
 //! Gains and limits of an axis's control law.
 
 use crate::axis_unit::{AxisUnit, KeyNames};
+use crate::checked_toml::{Keys, Section, bounds};
 use crate::compensation::ControlOptions;
 use crate::encoder::Encoder;
-use crate::force::ForceControl;
+use crate::force_control::ForceControl;
 use crate::limits::{Limits, VOLTS};
 use crate::rates::Rates;
-use crate::read::{Keys, Section, bounds};
 use crate::torque_channel::TorqueChannel;
 
 /// Gains and limits of the control law (§ 4.1).

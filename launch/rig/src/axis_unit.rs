@@ -1,6 +1,6 @@
 //! The unit of an axis, and the keys of a rig file whose names carry it.
 
-use crate::read::Section;
+use crate::checked_toml::Section;
 
 /// Unit of an axis's positions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

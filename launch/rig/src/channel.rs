@@ -2,7 +2,7 @@
 
 use ipc_types::ANALOG;
 
-use crate::read::{Keys, Section, Source, bounds};
+use crate::checked_toml::{Keys, Section, Source, bounds};
 
 /// One analog input of the card.
 #[derive(Clone, Debug, PartialEq)]

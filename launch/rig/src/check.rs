@@ -1,11 +1,11 @@
 //! Checks of a rig file that need several of its sections.
 
 mod axis;
+mod declared_model;
 mod gains;
-mod model;
 
 use crate::channel::Channel;
-use crate::read::Source;
+use crate::checked_toml::Source;
 use crate::rig_file::RigFile;
 
 /// Checks a file whose sections are each valid by themselves; stability last, as it needs the rest.
@@ -15,7 +15,7 @@ pub(crate) fn check(rig: &RigFile, source: &Source<'_>) {
         rig.phases.check(&rig.rates, source);
     }
     Channel::check_all(&rig.channels, source);
-    model::check(&rig.model, &rig.axes, source);
+    declared_model::check(&rig.model, &rig.axes, source);
     rig.simulation.check(&rig.channels, &rig.rates, source);
     for (at, axis) in rig.axes.iter().enumerate() {
         axis::check(axis, at, &rig.channels, &rig.rates, source);

@@ -1,8 +1,8 @@
 //! Options of the position law: friction compensation, disturbance observer, slave loop.
 
 use crate::axis_unit::AxisUnit;
+use crate::checked_toml::{Bounds, Keys, Section, bounds};
 use crate::encoder::Encoder;
-use crate::read::{Bounds, Keys, Section, bounds};
 
 /// The feed-forward that the position law adds to its feedback.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

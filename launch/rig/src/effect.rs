@@ -3,7 +3,7 @@
 use plant::ParameterError;
 use plant::effects::{Effect, EffectError, LIST, Site, make};
 
-use crate::read::{Keys, Section, bounds};
+use crate::checked_toml::{Keys, Section, bounds};
 
 /// An effect that measured records showed, with its parameters; those not named keep their
 /// defaults.

@@ -1,7 +1,7 @@
 //! Incremental encoders.
 
 use crate::axis_unit::{AxisUnit, KeyNames};
-use crate::read::{Bounds, Keys, Section, bounds};
+use crate::checked_toml::{Bounds, Keys, Section, bounds};
 
 /// An incremental encoder.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -20,14 +20,15 @@
 mod axis;
 mod axis_control;
 mod axis_unit;
+mod built_in_files;
 mod channel;
 mod check;
+mod checked_toml;
 mod compensation;
-mod control_loop;
 mod effect;
 mod encoder;
 mod error;
-mod force;
+mod force_control;
 mod identity;
 mod limits;
 mod load;
@@ -35,31 +36,32 @@ mod model;
 mod parameter;
 pub mod protocol;
 mod rates;
-mod read;
 mod rig_file;
-mod shipped;
 mod simulation;
 mod siso_parameters;
+mod stability_model;
 mod torque_channel;
 
 #[cfg(test)]
-mod pages;
+mod tests {
+    mod generated_pages;
+}
 
 pub use axis::Axis;
 pub use axis_control::{AxisControl, Feedforward};
 pub use axis_unit::AxisUnit;
+pub use built_in_files::{PROTOCOLS, RIGS, Shipped, load_protocol, load_rig};
 pub use channel::{Channel, ChannelKind};
 pub use compensation::{Compensation, CompensationKind, ControlOptions, Observer, SlaveLoop};
 pub use effect::{ModelEffect, ModelEffectError};
 pub use encoder::Encoder;
 pub use error::{FileError, Problem, ProtocolError, RigError};
-pub use force::{ACCELERATION_HZ, ForceControl};
+pub use force_control::{ACCELERATION_HZ, ForceControl};
 pub use identity::identity;
 pub use limits::Limits;
 pub use model::{Model, ModelKind};
 pub use parameter::{Parameter, ParameterSource};
 pub use rates::{Phases, Rates};
 pub use rig_file::{Replay, RigFile};
-pub use shipped::{PROTOCOLS, RIGS, Shipped, load_protocol, load_rig};
 pub use simulation::{Hand, HandKind, Simulation};
 pub use torque_channel::TorqueChannel;

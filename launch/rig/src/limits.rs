@@ -1,7 +1,7 @@
 //! Limits that the watchdog and the gate enforce.
 
 use crate::axis_unit::{AxisUnit, KeyNames};
-use crate::read::{Bounds, Keys, Section, bounds};
+use crate::checked_toml::{Bounds, Keys, Section, bounds};
 
 /// Limits of an axis, enforced by the watchdog and the gate.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

@@ -3,8 +3,8 @@
 use std::path::Path;
 
 use crate::check::check;
+use crate::checked_toml::Source;
 use crate::error::RigError;
-use crate::read::Source;
 use crate::rig_file::RigFile;
 
 impl RigFile {

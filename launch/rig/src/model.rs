@@ -1,11 +1,11 @@
 //! The declared model: its kind, its parameters with tolerances, its effects.
 
-use plant::{ParameterInfo, ParameterSet, any, drive};
+use plant::{ParameterInfo, ParameterSet, drive, transmission_kinds};
 
+use crate::checked_toml::{Keys, Section, bounds};
 use crate::effect::ModelEffect;
 use crate::error::RigError;
 use crate::parameter::Parameter;
-use crate::read::{Keys, Section, bounds};
 
 /// The model of the rig that the laboratory declares.
 #[derive(Clone, Debug, PartialEq)]
@@ -25,7 +25,7 @@ pub struct Model {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum ModelKind {
     /// A master and a slave joined by two lines.
-    Transmission(any::Kind),
+    Transmission(transmission_kinds::Kind),
     /// One mass with friction, driven by a force.
     Drive,
     /// Mass, damper, spring.
@@ -35,9 +35,9 @@ pub enum ModelKind {
 }
 
 impl ModelKind {
-    /// All kinds: the transmissions of [`plant::any`], then the others.
+    /// All kinds: the transmissions of [`plant::transmission_kinds`], then the others.
     pub fn all() -> impl Iterator<Item = Self> {
-        let transmissions = any::Kind::ALL.iter().copied().map(Self::Transmission);
+        let transmissions = transmission_kinds::Kind::ALL.iter().copied().map(Self::Transmission);
         transmissions.chain([Self::Drive, Self::Oscillator, Self::Element])
     }
 
@@ -113,7 +113,7 @@ impl Model {
         &self,
         own: &[Parameter],
         file: &str,
-    ) -> Result<any::Parameters, RigError> {
+    ) -> Result<transmission_kinds::Parameters, RigError> {
         self.with(own).transmission(file)
     }
 
@@ -121,12 +121,14 @@ impl Model {
     ///
     /// # Errors
     /// [`RigError::Invalid`] where the model is no transmission; `file` names the file in it.
-    pub fn transmission(&self, file: &str) -> Result<any::Parameters, RigError> {
+    pub fn transmission(&self, file: &str) -> Result<transmission_kinds::Parameters, RigError> {
         if let ModelKind::Transmission(kind) = self.kind {
             return self.fill(self.kind, kind.printed(), file);
         }
-        let names: Vec<_> =
-            any::Kind::ALL.iter().map(|kind| format!("\"{}\"", kind.name())).collect();
+        let names: Vec<_> = transmission_kinds::Kind::ALL
+            .iter()
+            .map(|kind| format!("\"{}\"", kind.name()))
+            .collect();
         let expected = format!("a transmission: the model {}", names.join(" or "));
         let found = format!("\"{}\"", self.kind.name());
         Err(RigError::wrong_model(file, "model.kind", expected, found))
@@ -163,7 +165,7 @@ impl Model {
     pub(crate) fn read(section: Section<'_>) -> Self {
         section.document("[model]", KEYS);
         let kinds: Vec<_> = ModelKind::all().map(|kind| (kind.name(), kind)).collect();
-        let assumed = ModelKind::Transmission(any::Kind::Hydrostatic);
+        let assumed = ModelKind::Transmission(transmission_kinds::Kind::Hydrostatic);
         let kind = section.word("kind", &kinds).unwrap_or(assumed);
         let parameters = Parameter::read_all(&section.section("parameters"));
         let effects = ModelEffect::read_all(&section);

@@ -1,6 +1,6 @@
 //! Declared parameters: value, tolerance, source.
 
-use crate::read::{Keys, NumberOrSection, Section, bounds};
+use crate::checked_toml::{Keys, NumberOrSection, Section, bounds};
 
 /// A declared parameter of a model.
 #[derive(Clone, Debug, PartialEq)]

@@ -42,9 +42,9 @@ pub use sines::{Envelope, Line};
 pub use spline::Spline;
 pub use torque_table::{POINTS, TorqueTable};
 
+use crate::checked_toml::{Keys, Section, Source};
 use crate::error::ProtocolError;
 use crate::identity::identity;
-use crate::read::{Keys, Section, Source};
 use crate::rig_file::RigFile;
 
 /// Largest number of segments, repeats included.

@@ -2,7 +2,7 @@
 
 use ipc_types::Process;
 
-use crate::read::{Keys, Section, Source};
+use crate::checked_toml::{Keys, Section, Source};
 
 const SECOND_NS: u64 = 1_000_000_000;
 

@@ -1,19 +1,19 @@
 //! A rig file as a whole: its sections, and what other crates ask of it.
 
 use ipc_types::ANALOG;
-use plant::any::Parameters;
 use plant::effects::Effect;
-use plant::reflected::ReflectedDynamics;
+use plant::reflected_dynamics::ReflectedDynamics;
+use plant::transmission_kinds::Parameters;
 
 use crate::axis::Axis;
 use crate::axis_unit::AxisUnit;
 use crate::channel::Channel;
+use crate::checked_toml::{Keys, Section};
 use crate::effect::{ModelEffect, ModelEffectError};
 use crate::error::RigError;
 use crate::identity::identity;
 use crate::model::{Model, ModelKind};
 use crate::rates::{Phases, Rates};
-use crate::read::{Keys, Section};
 use crate::simulation::Simulation;
 
 /// A rig as a laboratory declares it.

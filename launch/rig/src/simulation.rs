@@ -4,8 +4,8 @@ use plant::sensors::ScannerTrigger;
 
 use crate::axis_unit::AxisUnit;
 use crate::channel::{Channel, ChannelKind};
+use crate::checked_toml::{Keys, Section, Source, bounds};
 use crate::rates::Rates;
-use crate::read::{Keys, Section, Source, bounds};
 
 /// Settings of the simulated card: sensor noise, scanner, hard stops, the hand, the random seed.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -3,7 +3,7 @@
 use ipc_types::ANALOG;
 
 use crate::axis_unit::{AxisUnit, KeyNames};
-use crate::read::{Bounds, Keys, Section, bounds};
+use crate::checked_toml::{Bounds, Keys, Section, bounds};
 
 /// The sensor of the torque (or force) that the hand applies at the slave; positive torque drives
 /// the slave in its positive direction.

@@ -43,8 +43,10 @@ fn the_shipped_rigs_have_two_and_three_axes_at_1_khz() {
 fn an_axis_has_the_models_parameters_but_for_its_own() {
     let rig = rig(THREE);
     let length = |axis: usize| match rig.axis_parameters(&rig.axes[axis]).unwrap() {
-        plant::any::Parameters::Hydrostatic(own) => own.get("hose_length_m").unwrap(),
-        plant::any::Parameters::Cable(_) => panic!("a cable"),
+        plant::transmission_kinds::Parameters::Hydrostatic(own) => {
+            own.get("hose_length_m").unwrap()
+        }
+        plant::transmission_kinds::Parameters::Cable(_) => panic!("a cable"),
     };
     assert_eq!([length(0), length(1), length(2)], [10.0, 10.0, 8.0]);
     let all = rig.axis_parameters(&rig.axes[0]).unwrap();

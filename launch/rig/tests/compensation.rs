@@ -1,7 +1,7 @@
 //! Options of the position law, and what the declared model says in volts.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
-use plant::reflected::FrictionCurve;
+use plant::reflected_dynamics::FrictionCurve;
 use rig::{CompensationKind, ControlOptions, RigFile};
 
 const RIG: &str = include_str!("../../rigs/hydrostatic.toml");
@@ -64,7 +64,8 @@ fn sections_are_read_with_the_defaults_that_the_shipped_file_shows() {
 fn the_hydrostatic_model_in_volts() {
     let rig = RigFile::parse(RIG, "hydrostatic.toml").unwrap();
     let model = rig.reflected_dynamics(0).unwrap();
-    let plant::any::Parameters::Hydrostatic(parameters) = rig.transmission_parameters().unwrap()
+    let plant::transmission_kinds::Parameters::Hydrostatic(parameters) =
+        rig.transmission_parameters().unwrap()
     else {
         panic!("a hydrostatic rig");
     };
@@ -90,7 +91,9 @@ fn the_hydrostatic_model_in_volts() {
 fn the_cable_model_in_volts_of_handle_coordinates() {
     let rig = RigFile::parse(CABLE, "cable.toml").unwrap();
     let model = rig.reflected_dynamics(0).unwrap();
-    let plant::any::Parameters::Cable(parameters) = rig.transmission_parameters().unwrap() else {
+    let plant::transmission_kinds::Parameters::Cable(parameters) =
+        rig.transmission_parameters().unwrap()
+    else {
         panic!("a cable rig");
     };
     let all = parameters.static_friction_at_motor_nm() / parameters.motor_torque_per_volt_nm;

@@ -27,24 +27,24 @@
 mod asymmetric;
 mod bristle;
 mod coulomb;
-mod load;
+mod exact_stick_step;
 mod load_dependent;
 mod piecewise_linear;
 mod position_dependent;
 mod smoothed;
-mod stick;
+mod step_load;
 mod stribeck;
 mod viscous;
 
 pub use asymmetric::Asymmetric;
 pub use bristle::Bristle;
 pub use coulomb::Coulomb;
-pub use load::{Advance, DryFriction, Load, Smoothing};
+pub use exact_stick_step::advance;
+pub(crate) use exact_stick_step::impose;
 pub use load_dependent::LoadDependent;
 pub use piecewise_linear::Stribeck;
 pub use position_dependent::PositionDependent;
-pub use stick::advance;
-pub(crate) use stick::impose;
+pub use step_load::{Advance, DryFriction, Load, Smoothing};
 pub use stribeck::StribeckCurve;
 pub use viscous::Viscous;
 

@@ -1,6 +1,6 @@
 //! Dry friction smoothed about zero speed, for estimators that need a gradient.
 
-use super::load::{Advance, Load};
+use super::step_load::{Advance, Load};
 
 /// Speed above which a mass slides, in multiples of the smoothing speed.
 const SLIDING: f64 = 3.0;

@@ -2,7 +2,7 @@
 
 use ipc_types::{ANALOG, AXES, CardScan};
 use plant::ParameterError;
-use plant::axes::{CouplingError, HandleCoupling, Plant};
+use plant::coupled_axes::{CouplingError, HandleCoupling, Plant};
 use plant::effects::end_stop::EndStop;
 use plant::effects::{EffectError, parse};
 use plant::sensors::{Drift, Emg, EmgParameters, ScannerTrigger, TorqueCell, TorqueCellParameters};

@@ -70,10 +70,10 @@ impl Line {
         self
     }
 
-    /// The same with all dry and viscous friction of motor, piston and slave times `share`; the
+    /// The same with all dry and viscous friction of motor, piston and slave times `factor`; the
     /// fluid's stays.
     #[must_use]
-    pub fn with_friction(mut self, share: f64) -> Self {
+    pub fn with_friction(mut self, factor: f64) -> Self {
         let p = &mut self.parameters;
         for value in [
             &mut p.motor_coulomb_nm,
@@ -87,7 +87,7 @@ impl Line {
             &mut p.slave_kinetic_friction_nm,
             &mut p.slave_rising_slope_nm_s,
         ] {
-            *value *= share;
+            *value *= factor;
         }
         self
     }

@@ -3,9 +3,9 @@
 use crate::axis::Axis;
 use crate::axis_unit::AxisUnit;
 use crate::channel::{Channel, ChannelKind};
+use crate::checked_toml::Source;
 use crate::limits::{POSITION_MAX, POSITION_MIN, TORQUE_MAX};
 use crate::rates::Rates;
-use crate::read::Source;
 
 /// Narrowest plausible range of a rotary axis (degrees).
 const NARROWEST_DEG: f64 = 5.0;

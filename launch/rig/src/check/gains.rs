@@ -3,9 +3,9 @@
 use plant::stability::{self, Law, Loop, MARGIN};
 
 use crate::axis::Axis;
-use crate::control_loop::{closed_loop, describe, force_loop, largest_share};
-use crate::read::Source;
+use crate::checked_toml::Source;
 use crate::rig_file::RigFile;
+use crate::stability_model::{closed_loop, describe, force_loop, largest_share};
 
 /// Reports gains with which the declared transmission would be unstable.
 pub(super) fn check(rig: &RigFile, source: &Source<'_>) {

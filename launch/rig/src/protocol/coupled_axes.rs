@@ -3,7 +3,7 @@
 use ipc_types::AXES;
 
 use super::movement::Movement;
-use crate::read::{Section, bounds};
+use crate::checked_toml::{Section, bounds};
 
 /// The movement of a coupled axis.
 #[derive(Clone, Debug, PartialEq)]

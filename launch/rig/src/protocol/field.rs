@@ -3,7 +3,7 @@
 use super::matrix::Matrix;
 use super::torque_table::TorqueTable;
 use crate::axis_unit::AxisUnit;
-use crate::read::{Bounds, Keys, Section, bounds};
+use crate::checked_toml::{Bounds, Keys, Section, bounds};
 
 /// The force field of one axis in free movement; all zero: the hand feels only what force control
 /// leaves of the machine.

@@ -7,9 +7,9 @@ use plant::stability::{self, Loop, MARGIN, RELAXED, Unstable};
 use super::field::Field;
 use super::matrix::{MATRIX_AXES, Matrix};
 use super::torque_table::TorqueTable;
-use crate::control_loop::{describe, force_loop, largest_share};
-use crate::read::Source;
+use crate::checked_toml::Source;
 use crate::rig_file::RigFile;
+use crate::stability_model::{describe, force_loop, largest_share};
 
 /// Reports a force field under which the rig would be unstable; false where it is refused.
 /// `index` is the segment's axis, `key` the path of one of its keys.

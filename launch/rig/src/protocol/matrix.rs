@@ -1,6 +1,6 @@
 //! A force field over several axes: constant matrices.
 
-use crate::read::{Bounds, Section, bounds};
+use crate::checked_toml::{Bounds, Section, bounds};
 
 /// Axes that a matrix may span.
 pub const MATRIX_AXES: usize = 3;

@@ -5,7 +5,7 @@ use std::ops::{Deref, DerefMut};
 use super::segment_kind::SegmentKind;
 use super::unit_keys::UnitKeys;
 use crate::axis_unit::AxisUnit;
-use crate::read::Section;
+use crate::checked_toml::Section;
 
 mod centre;
 mod chirp;

@@ -2,8 +2,8 @@
 
 use toml_edit::{DocumentMut, Item, Value};
 
+use crate::checked_toml::nearest;
 use crate::error::{Problem, ProtocolError};
-use crate::read::nearest;
 
 /// The text with values changed: `segments.0.amplitude_deg=20` sets that key of the first segment.
 /// The section must exist, the key need not; what the key may hold is checked when the text is
@@ -22,7 +22,7 @@ pub fn with_overrides<S: AsRef<str>>(
         return Ok(text.to_owned());
     }
     // The plain reader reports invalid TOML with its line.
-    crate::read::Source::new(text, file_name).parse()?;
+    crate::checked_toml::Source::new(text, file_name).parse()?;
     let mut document: DocumentMut = text.parse().map_err(|error: toml_edit::TomlError| {
         problem(0, "", "valid TOML", error.message(), "correct the protocol")
     })?;

@@ -5,7 +5,7 @@ use super::field_check::check_field;
 use super::movement::Movement;
 use super::segment_kind::Placement;
 use crate::axis_unit::AxisUnit;
-use crate::read::{Keys, Section, Source};
+use crate::checked_toml::{Keys, Section, Source};
 use crate::rig_file::RigFile;
 
 /// One timed movement of one axis, or of several coupled axes; the other axes stay where they are.

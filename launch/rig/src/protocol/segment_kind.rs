@@ -6,7 +6,7 @@ use super::field::Field;
 use super::trajectory::Point;
 use crate::axis::Axis;
 use crate::axis_unit::AxisUnit;
-use crate::read::Source;
+use crate::checked_toml::Source;
 use crate::rig_file::RigFile;
 
 /// A kind of segment. Positions are in rad or m by the axis's unit, times in s from the segment's

@@ -4,7 +4,7 @@ use std::f64::consts::TAU;
 
 use super::trajectory::{MIN_JERK_PEAK_SPEED, Point, Weight};
 use super::unit_keys::{DURATION, FADE};
-use crate::read::Section;
+use crate::checked_toml::Section;
 
 /// One sine.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -1,7 +1,7 @@
 //! A torque over position or velocity, given by points.
 
 use crate::axis_unit::AxisUnit;
-use crate::read::{Bounds, Section, bounds};
+use crate::checked_toml::{Bounds, Section, bounds};
 
 /// Number of evenly spaced points to which a table is resampled.
 pub const POINTS: usize = 17;

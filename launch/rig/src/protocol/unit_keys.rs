@@ -1,7 +1,7 @@
 //! Positions and speeds of a segment, whose keys end in their unit.
 
 use crate::axis_unit::AxisUnit;
-use crate::read::{Bounds, Section, bounds};
+use crate::checked_toml::{Bounds, Section, bounds};
 
 pub(super) const DURATION: Bounds = bounds(0.1, 36_000.0, "in seconds");
 pub(super) const FADE: Bounds = bounds(0.1, 60.0, "in seconds");

@@ -1,7 +1,7 @@
 //! Configuration of the control law, taken from the rig file.
 
 use ipc_types::AXES;
-use plant::reflected::ReflectedDynamics;
+use plant::reflected_dynamics::ReflectedDynamics;
 use rig::{AxisControl, Limits, RigFile};
 
 use super::STOP_S;

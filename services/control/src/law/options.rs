@@ -1,6 +1,6 @@
 //! The options of the position law and their state.
 
-use plant::reflected::ReflectedDynamics;
+use plant::reflected_dynamics::ReflectedDynamics;
 use rig::ControlOptions;
 
 use super::blend::Motion;
@@ -59,7 +59,7 @@ impl OptionState {
 
 #[cfg(test)]
 mod tests {
-    use plant::reflected::FrictionCurve;
+    use plant::reflected_dynamics::FrictionCurve;
 
     use super::*;
 

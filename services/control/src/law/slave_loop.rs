@@ -20,7 +20,7 @@
 
 use std::f64::consts::TAU;
 
-use plant::reflected::ReflectedDynamics;
+use plant::reflected_dynamics::ReflectedDynamics;
 use rig::SlaveLoop;
 
 use super::blend::Motion;

@@ -2,7 +2,7 @@
 
 use control::law::{AxisLaw, Law};
 use ipc_types::Mode;
-use plant::reflected::{FrictionCurve, ReflectedDynamics};
+use plant::reflected_dynamics::{FrictionCurve, ReflectedDynamics};
 use rig::{AxisControl, Compensation, CompensationKind, ControlOptions, Observer, SlaveLoop};
 
 use super::{Mass, SECOND, axis_law, config, sample, setpoint, sine};

@@ -3,8 +3,8 @@
 use std::collections::BTreeMap;
 
 use ipc_types::Sample;
-use plant::any::Plant;
 use plant::transmission::{Input, Transmission as _};
+use plant::transmission_kinds::Plant;
 use rig::{Hand, HandKind, RigFile};
 
 use super::recorded_messages::{by_tick, master, slave, torque};

@@ -2,9 +2,9 @@
 
 use std::f64::consts::TAU;
 
-use plant::any::Plant;
-use plant::reflected::ReflectedDynamics;
+use plant::reflected_dynamics::ReflectedDynamics;
 use plant::transmission::{Input, Transmission as _};
+use plant::transmission_kinds::Plant;
 use rig::{AxisUnit, RigFile};
 
 use crate::equation_error::block_roles::Role;

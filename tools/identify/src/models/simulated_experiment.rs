@@ -1,7 +1,7 @@
 //! Records of candidate movements, simulated, and how the innovations of models along them differ.
 
 use nalgebra::{DMatrix, DVector};
-use plant::any::Plant;
+use plant::transmission_kinds::Plant;
 
 use super::candidate_movements::{Movement, RigCapability};
 use super::transmission_study::Study;

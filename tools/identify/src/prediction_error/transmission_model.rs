@@ -1,9 +1,9 @@
 //! The declared transmission model with its tolerances, and its innovations along a record.
 
 use plant::ParameterSet;
-use plant::any;
 use plant::effects::{self, Effect, Moment, Site};
 use plant::transmission::{Correction, Input, Reading, Transmission as _};
+use plant::transmission_kinds;
 use rig::Model as Declared;
 
 use super::nonparametric::PiecewiseLinear;
@@ -161,7 +161,7 @@ pub struct Residual {
 #[derive(Clone, Debug)]
 pub struct TransmissionModel {
     /// Declared constants.
-    pub declared: any::Parameters,
+    pub declared: transmission_kinds::Parameters,
     /// Those that a fit may vary.
     pub base: Vec<BaseParameter>,
     /// The records.
@@ -282,7 +282,7 @@ impl TransmissionModel {
     }
 
     /// Returns the plant's constants with the values of a setting.
-    pub fn constants(&self, setting: &Setting) -> Option<any::Parameters> {
+    pub fn constants(&self, setting: &Setting) -> Option<transmission_kinds::Parameters> {
         let mut constants = self.declared.clone();
         for (parameter, value) in self
             .base

@@ -5,9 +5,9 @@ use std::f64::consts::TAU;
 
 use identify::input::Series;
 use identify::prediction_error::record::Record;
-use plant::any;
 use plant::effects::Effect;
 use plant::transmission::{Input, Transmission as _};
+use plant::transmission_kinds;
 use rig::RigFile;
 
 const STEP_S: f64 = 1e-3;
@@ -35,13 +35,15 @@ pub(crate) fn record(
     cell: &dyn Fn(f64) -> f64,
 ) -> Record {
     let declared = rig().transmission_parameters().unwrap();
-    let any::Parameters::Hydrostatic(mut own) = declared else { panic!("a hydrostatic rig") };
+    let transmission_kinds::Parameters::Hydrostatic(mut own) = declared else {
+        panic!("a hydrostatic rig")
+    };
     own.motor_torque_per_volt_nm *= 0.9;
     own.slave_static_friction_nm *= 1.1;
     own.slave_kinetic_friction_nm *= 0.9;
     own.motor_coulomb_nm *= 1.08;
     own.line_stiffness_factor *= 0.88;
-    let mut plant = any::Parameters::from(own).plant(effects).unwrap();
+    let mut plant = transmission_kinds::Parameters::from(own).plant(effects).unwrap();
     let start_s = RECORD_S * turn as f64;
     plant.set_time(start_s);
     // The fourth record repeats the first: without a repeat nobody knows what a model may leave.

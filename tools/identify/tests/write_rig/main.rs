@@ -8,11 +8,11 @@ use identify::outcome::{
 };
 use identify::write_rig::{Provenance, WriteRigError, Written, fitted};
 use plant::ParameterSet as _;
-use plant::any::Parameters;
 use plant::drive;
 use plant::effects::{Effect, Moment, Side, SideLoad, Site, make};
 use plant::friction::Load;
 use plant::transmission::{Input, Motion, Transmission as _};
+use plant::transmission_kinds::Parameters;
 use rig::{ParameterSource, RigFile};
 
 mod one_channel;

@@ -3,10 +3,10 @@
 use ipc_types::Mode;
 
 use super::hold::read_times;
+use crate::checked_toml::{Keys, Section};
 use crate::protocol::segment_kind::SegmentKind;
 use crate::protocol::trajectory::{Point, min_jerk, min_jerk_peak_speed};
 use crate::protocol::unit_keys::UnitKeys;
-use crate::read::{Keys, Section};
 
 /// Moves to the centre of the experiment and rests there under power.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -2,11 +2,11 @@
 
 use std::f64::consts::TAU;
 
+use crate::checked_toml::{Keys, Section};
 use crate::protocol::segment_kind::SegmentKind;
 use crate::protocol::sines::Envelope;
 use crate::protocol::trajectory::Point;
 use crate::protocol::unit_keys::{LINE_HZ, UnitKeys};
-use crate::read::{Keys, Section};
 
 /// A sine about a centre whose frequency changes from one value to another.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -11,12 +11,12 @@ use std::sync::Arc;
 use csv::StringRecord;
 use toml_edit::{Array, DocumentMut, Item, Table, Value};
 
+use crate::checked_toml::{Keys, Section, bounds};
 use crate::error::{Problem, ProtocolError};
 use crate::protocol::segment_kind::SegmentKind;
 use crate::protocol::spline::Spline;
 use crate::protocol::trajectory::{Point, min_jerk, min_jerk_peak_speed};
 use crate::protocol::unit_keys::{FADE, POSITION_DEG, POSITION_M, UnitKeys};
-use crate::read::{Keys, Section, bounds};
 
 /// Most rows of a table.
 const ROWS: usize = 20_000;

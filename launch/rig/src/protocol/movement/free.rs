@@ -2,11 +2,11 @@
 
 use ipc_types::Mode;
 
+use crate::checked_toml::{Keys, Section};
 use crate::protocol::field::{FIELD_KEYS, Field};
 use crate::protocol::segment_kind::SegmentKind;
 use crate::protocol::trajectory::Point;
 use crate::protocol::unit_keys::{DURATION, UnitKeys};
-use crate::read::{Keys, Section};
 
 /// The hand moves as it likes in a force field; the machine follows under force control (§ 4.2).
 #[derive(Clone, Debug, PartialEq)]

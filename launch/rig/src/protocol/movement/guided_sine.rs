@@ -2,11 +2,11 @@
 
 use std::f64::consts::{PI, TAU};
 
+use crate::checked_toml::{Bounds, Keys, Section, bounds};
 use crate::protocol::segment_kind::SegmentKind;
 use crate::protocol::sines::{Envelope, Line, sum};
 use crate::protocol::trajectory::Point;
 use crate::protocol::unit_keys::UnitKeys;
-use crate::read::{Bounds, Keys, Section, bounds};
 
 /// A sine about a centre.
 #[derive(Clone, Debug, PartialEq)]

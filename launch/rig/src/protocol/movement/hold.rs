@@ -2,10 +2,10 @@
 
 use ipc_types::Mode;
 
+use crate::checked_toml::{Keys, Section};
 use crate::protocol::segment_kind::SegmentKind;
 use crate::protocol::trajectory::{Point, min_jerk, min_jerk_peak_speed};
 use crate::protocol::unit_keys::{DURATION, FADE, UnitKeys};
-use crate::read::{Keys, Section};
 
 /// Moves to a position and rests there under power.
 #[derive(Clone, Debug, PartialEq)]

@@ -3,10 +3,10 @@
 use ipc_types::Mode;
 
 use crate::axis_unit::AxisUnit;
+use crate::checked_toml::{Bounds, Keys, Section, bounds};
 use crate::protocol::segment_kind::{Placement, SegmentKind};
 use crate::protocol::trajectory::Point;
 use crate::protocol::unit_keys::{AMPLITUDE_DEG, AMPLITUDE_M, DURATION, UnitKeys};
-use crate::read::{Bounds, Keys, Section, bounds};
 
 /// Moves gently to one end of the travel until the handle stalls, then to the other.
 ///

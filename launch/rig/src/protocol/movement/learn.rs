@@ -5,11 +5,11 @@ use std::fmt::Display;
 
 use ipc_types::Mode;
 
+use crate::checked_toml::{Bounds, Keys, Section, bounds};
 use crate::protocol::segment_kind::{Placement, SegmentKind};
 use crate::protocol::sines::{Envelope, Line, sum};
 use crate::protocol::trajectory::{MIN_JERK_PEAK_SPEED, Point};
 use crate::protocol::unit_keys::{AMPLITUDE_DEG, AMPLITUDE_M, FADE, UnitKeys};
-use crate::read::{Bounds, Keys, Section, bounds};
 
 /// A sine that the *slave* is to follow; the reference of the master is learnt (iterative learning
 /// control).

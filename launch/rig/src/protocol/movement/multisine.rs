@@ -5,11 +5,11 @@ use std::f64::consts::{PI, TAU};
 use rand_xoshiro::SplitMix64;
 use rand_xoshiro::rand_core::{Rng as _, SeedableRng as _};
 
+use crate::checked_toml::{Keys, Section};
 use crate::protocol::segment_kind::SegmentKind;
 use crate::protocol::sines::{Envelope, Line, sum};
 use crate::protocol::trajectory::Point;
 use crate::protocol::unit_keys::{AMPLITUDE_DEG, AMPLITUDE_M, LINE_HZ, UnitKeys};
-use crate::read::{Keys, Section};
 
 /// A sum of sines about a centre.
 #[derive(Clone, Debug, PartialEq)]

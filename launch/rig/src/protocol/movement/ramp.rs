@@ -1,9 +1,9 @@
 //! `ramp`: to a position at constant speed.
 
+use crate::checked_toml::{Bounds, Keys, Section, bounds};
 use crate::protocol::segment_kind::{Placement, SegmentKind};
 use crate::protocol::trajectory::Point;
 use crate::protocol::unit_keys::{DURATION, POSITION_DEG, POSITION_M, UnitKeys};
-use crate::read::{Bounds, Keys, Section, bounds};
 
 /// Moves to a position at constant speed and rests there under power. The speed rises and falls
 /// along the minimum-jerk curve.

@@ -2,10 +2,10 @@
 
 use ipc_types::Mode;
 
+use crate::checked_toml::{Keys, Section};
 use crate::protocol::segment_kind::SegmentKind;
 use crate::protocol::trajectory::Point;
 use crate::protocol::unit_keys::{DURATION, UnitKeys};
-use crate::read::{Keys, Section};
 
 /// 0 V at the motor; the handle stays or is moved by hand.
 #[derive(Clone, Debug, PartialEq)]

@@ -2,11 +2,11 @@
 
 use ipc_types::Mode;
 
+use crate::checked_toml::{Keys, Section, bounds};
 use crate::protocol::field::{Field, SPRING_ADVICE};
 use crate::protocol::segment_kind::SegmentKind;
 use crate::protocol::trajectory::Point;
 use crate::protocol::unit_keys::{DURATION, UnitKeys};
-use crate::read::{Keys, Section, bounds};
 
 /// The hand keeps a rhythm in a spring field: each half period it should be at the other extreme.
 #[derive(Clone, Debug, PartialEq)]

@@ -1,9 +1,9 @@
 //! `steps`: from position to position.
 
+use crate::checked_toml::{Keys, Section};
 use crate::protocol::segment_kind::SegmentKind;
 use crate::protocol::trajectory::{MIN_JERK_PEAK_SPEED, Point, min_jerk};
 use crate::protocol::unit_keys::{DURATION, FADE, POSITION_DEG, POSITION_M, UnitKeys};
-use crate::read::{Keys, Section};
 
 /// Minimum-jerk movements from position to position, with a rest at each.
 #[derive(Clone, Debug, PartialEq)]

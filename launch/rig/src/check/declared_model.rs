@@ -1,0 +1,171 @@
+//! The declared model: names and ranges of its parameters, its effects, the shared handle.
+
+use plant::coupled_axes::{CouplingError, HandleCoupling, LEAST_EIGENVALUE};
+use plant::effects::EffectError;
+use plant::transmission_kinds::Parameters;
+use plant::{ParameterError, ParameterInfo, drive};
+
+use crate::axis::Axis;
+use crate::checked_toml::{Source, nearest};
+use crate::effect::{ModelEffect, ModelEffectError};
+use crate::model::{FORCE_PER_VOLT, MOTOR_TURN, Model, ModelKind};
+use crate::parameter::Parameter;
+use crate::siso_parameters;
+
+/// Checks the model, also with each axis's own parameters.
+pub(super) fn check(model: &Model, axes: &[Axis], source: &Source<'_>) {
+    check_parameters(model.kind, "model.parameters", &model.parameters, source);
+    for (at, axis) in axes.iter().enumerate() {
+        let table = format!("axes.{at}.model");
+        if !axis.model.is_empty() && !model.kind.is_transmission() {
+            let found = format!("the model \"{}\"", model.kind.name());
+            let expected = "a transmission of the axis's own";
+            source.problem(&table, expected, found, "take the section out");
+        } else {
+            check_parameters(model.kind, &table, &axis.model, source);
+        }
+    }
+    let motor = FORCE_PER_VOLT;
+    if model.kind == ModelKind::Drive && model.parameter(motor.name).is_none() {
+        let advice = format!("add {} = {{ value = … }}, in {}", motor.name, motor.unit);
+        source.problem("model.parameters", format!("`{}`", motor.name), "nothing", advice);
+    }
+    if source.is_clean() {
+        check_effects(model, axes, source);
+    }
+    if source.is_clean() && !model.handle_coupling.is_empty() {
+        check_coupling(model, axes, source);
+    }
+}
+
+fn check_parameters(kind: ModelKind, table: &str, parameters: &[Parameter], source: &Source<'_>) {
+    let infos: &[ParameterInfo] = match kind {
+        ModelKind::Transmission(kind) => kind.infos(),
+        ModelKind::Drive => drive::Parameters::NAMES,
+        ModelKind::Oscillator => siso_parameters::OSCILLATOR,
+        ModelKind::Element => siso_parameters::ELEMENT,
+    };
+    let motor: &[ParameterInfo] =
+        if kind == ModelKind::Drive { &[FORCE_PER_VOLT, MOTOR_TURN] } else { &[] };
+    let infos = || infos.iter().chain(motor);
+    for parameter in parameters {
+        let key = format!("{table}.{}", parameter.name);
+        let Some(info) = infos().find(|info| info.name == parameter.name) else {
+            let names: Vec<_> = infos().map(|info| info.name).collect();
+            let advice = match nearest(&parameter.name, names.iter().copied()) {
+                Some(name) => format!("did you mean `{name}`?"),
+                None => format!("the model has {}", names.join(", ")),
+            };
+            let expected = format!("a parameter of the {} model", kind.name());
+            source.problem(&key, expected, "an unknown key", advice);
+            continue;
+        };
+        if !(info.minimum..=info.maximum).contains(&parameter.value) {
+            let expected = format!("{} to {} {}", info.minimum, info.maximum, info.unit);
+            let advice = format!("the value is in {}; printed is {}", info.unit, info.printed);
+            source.problem(&key, expected, parameter.value, advice);
+        }
+    }
+}
+
+/// Whether no effect is listed twice, and each can act in every axis's transmission.
+fn check_effects(model: &Model, axes: &[Axis], source: &Source<'_>) {
+    for (at, effect) in model.effects.iter().enumerate() {
+        let same = |other: &ModelEffect| (other.id, other.site) == (effect.id, effect.site);
+        if let Some(before) = model.effects[..at].iter().position(same) {
+            let expected = format!("an effect of its own (model.effects.{before} has it already)");
+            let found = format!("{} at {}", effect.id, effect.site);
+            let key = format!("model.effects.{at}.id");
+            source.problem(&key, expected, found, "take one of the two out");
+        }
+        for axis in axes {
+            check_effect(effect, at, model.of_axis(&axis.model, "").ok(), source);
+            if !source.is_clean() {
+                break;
+            }
+        }
+    }
+}
+
+/// Checks the effect with index `at`: id, site and parameters, and whether it can act in the
+/// transmission, if the model is one.
+fn check_effect(
+    effect: &ModelEffect,
+    at: usize,
+    transmission: Option<Parameters>,
+    source: &Source<'_>,
+) {
+    let key = format!("model.effects.{at}");
+    let parameter_key = |name: &str| format!("{key}.parameters.{name}");
+    match effect.make() {
+        Err(ModelEffectError::Effect(EffectError::WrongSite { allowed, .. })) => {
+            let expected = format!("a site of {}: {allowed}", effect.id);
+            let found = format!("\"{}\"", effect.site);
+            source.problem(&format!("{key}.site"), expected, found, "name the site");
+        }
+        Err(ModelEffectError::Parameter(ParameterError::Unknown { name, known })) => {
+            let advice = match nearest(&name, known.split(", ")) {
+                Some(near) => format!("did you mean `{near}`?"),
+                None => format!("it has {known}"),
+            };
+            let expected = format!("a parameter of {}", effect.id);
+            source.problem(&parameter_key(&name), expected, "an unknown key", advice);
+        }
+        Err(ModelEffectError::Parameter(ParameterError::OutOfRange {
+            name,
+            value,
+            minimum,
+            maximum,
+            unit,
+        })) => {
+            let expected = format!("{minimum} to {maximum} {unit}");
+            let advice = format!("the value is in {unit}");
+            source.problem(&parameter_key(name), expected, value, advice);
+        }
+        Err(other) => {
+            let advice = "correct the entry, or take it out";
+            source.problem(&key, "an effect of the model", other, advice);
+        }
+        Ok(made) => {
+            if let Some(constants) = transmission
+                && let Err(error) = constants.plant(vec![made])
+            {
+                let expected = "an effect that acts in this transmission";
+                source.problem(&key, expected, error, "take the entry out");
+            }
+        }
+    }
+}
+
+/// Whether a physical handle can have these products of inertia.
+fn check_coupling(model: &Model, axes: &[Axis], source: &Source<'_>) {
+    let key = "model.handle_coupling_kg_m2";
+    let inertia = |axis: &Axis| model.of_axis(&axis.model, "").map(|own| own.slave_inertia_kg_m2());
+    let Ok(inertia) = axes.iter().map(inertia).collect::<Result<Vec<_>, _>>() else {
+        let found = format!("the model \"{}\"", model.kind.name());
+        let expected = "a transmission, whose slave is at the handle";
+        source.problem(key, expected, found, "take the key out");
+        return;
+    };
+    match HandleCoupling::of_pairs(axes.len(), &model.handle_coupling)
+        .and_then(|handle| handle.check(&inertia))
+    {
+        Ok(_) => {}
+        Err(CouplingError::TooStrong { found }) => {
+            let expected = format!(
+                "a handle with at least {LEAST_EIGENVALUE} of the axes' own inertia \
+                 in every direction"
+            );
+            let found = format!("{:?} with a least of {found:.3}", model.handle_coupling);
+            let advice = "for two axes: at most 0.8 times the root of the product of their \
+                          slaves' inertia";
+            source.problem(key, expected, found, advice);
+        }
+        Err(_) => {
+            let pairs = axes.len() * (axes.len() - 1) / 2;
+            let expected = format!("{pairs} numbers, one for each pair of the {} axes", axes.len());
+            let advice = "in the order first and second axis, first and third, second and third";
+            source.problem(key, expected, model.handle_coupling.len(), advice);
+        }
+    }
+}

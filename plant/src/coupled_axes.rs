@@ -1,0 +1,308 @@
+//! One to three transmissions at one handle.
+//!
+//! Each axis has its own transmission; they share the handle. Its inertia matrix is constant and
+//! symmetric: the diagonal is in the axes' own constants, [`HandleCoupling`] is the rest (a product
+//! of inertia, a link that turns about two axes). With the slaves' inertia `I_i`, the coupling `C`
+//! and all other torque `τ_i` on slave `i`, friction included:
+//!
+//! ```text
+//! I_i q̈_i + Σ_j C_ij q̈_j = τ_i          (i ≠ j)
+//! ```
+//!
+//! In each internal step the masters move first, then all slaves together, then the lines. The
+//! torque that the others exert on an axis uses the accelerations of the same step, so that it
+//! neither lags nor adds energy: each slave in turn is moved by [`crate::friction::advance`], with
+//! exact stick, until none changes (Gauss-Seidel). As each such move minimises a convex function
+//! and the inertia matrix is positive definite, the iteration converges to the unique solution; its
+//! rate depends on the matrix alone, and [`LEAST_EIGENVALUE`] bounds it.
+//!
+//! ```
+//! use plant::coupled_axes::{HandleCoupling, Plant};
+//! use plant::transmission::Input;
+//! use plant::{hydrostatic, transmission_kinds};
+//!
+//! let axis = || transmission_kinds::Parameters::from(hydrostatic::Parameters::traced()).plant(Vec::new());
+//! let mut plant = Plant::new(vec![axis()?, axis()?], &HandleCoupling::of_pairs(2, &[4e-4])?)?;
+//! let push = Input { motor_v: 8.0, hand_torque_nm: 0.0 };
+//! plant.step(&[push, Input::default()], 0.2);
+//! assert!(plant.motion(0).slave_position_rad > 0.1);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+
+use nalgebra::Matrix3;
+
+use crate::friction::{Advance, Load, advance};
+use crate::transmission::{EnergyBalance, Input, Motion, Reading, Transmission, sub_steps};
+use crate::transmission_kinds;
+
+/// Maximum number of axes.
+pub const AXES: usize = 3;
+/// Least allowed eigenvalue of the handle's inertia matrix, each row and column divided by the root
+/// of its own axis's inertia: 1 without coupling, 0 for a handle without inertia in some direction.
+/// With two axes: `|C| ≤ 0.8 √(I₁ I₂)`.
+pub const LEAST_EIGENVALUE: f64 = 0.2;
+/// Maximum number of iterations; about 60 are needed at the strongest coupling allowed.
+const ITERATIONS: usize = 200;
+/// Converged when no slave changes its velocity by more than this part of the fastest one's ...
+const PRECISION: f64 = 1e-13;
+/// ... or of this (rad/s), so that rounding errors near rest do not prevent convergence.
+const SLOW_RAD_S: f64 = 0.01;
+
+/// Why transmissions cannot share a handle.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum CouplingError {
+    /// No axis, or more than [`AXES`].
+    #[error("expected 1 to {AXES} axes, found {found}; leave some out")]
+    Axes {
+        /// Number of axes.
+        found: usize,
+    },
+    /// Not one number per pair of axes.
+    #[error(
+        "expected {expected} numbers for the pairs of {axes} axes (first and second, first and \
+         third, second and third), found {found}"
+    )]
+    Pairs {
+        /// Number of axes.
+        axes: usize,
+        /// Number of pairs.
+        expected: usize,
+        /// Numbers given.
+        found: usize,
+    },
+    /// The handle would have hardly any inertia, or a negative one, in some direction.
+    #[error(
+        "expected a handle with at least {LEAST_EIGENVALUE} of the axes' own inertia in every \
+         direction (for two axes: a coupling of at most 0.8 times the root of the product of their \
+         slaves' inertia), found {found:.3}; make the coupling smaller, or the handle's own \
+         inertia larger"
+    )]
+    TooStrong {
+        /// Least eigenvalue of the scaled inertia matrix.
+        found: f64,
+    },
+}
+
+/// The off-diagonal elements of the handle's inertia matrix (kg·m²).
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct HandleCoupling(Matrix3<f64>);
+
+impl HandleCoupling {
+    /// No coupling: the axes move as if alone.
+    pub fn none() -> Self {
+        Self::default()
+    }
+
+    /// From one number per pair, in kg·m²: first and second axis, first and third, second and
+    /// third. An empty slice is no coupling.
+    ///
+    /// # Errors
+    /// [`CouplingError::Axes`], [`CouplingError::Pairs`].
+    pub fn of_pairs(axes: usize, pairs: &[f64]) -> Result<Self, CouplingError> {
+        if !(1..=AXES).contains(&axes) {
+            return Err(CouplingError::Axes { found: axes });
+        }
+        let expected = axes * (axes - 1) / 2;
+        if !pairs.is_empty() && pairs.len() != expected {
+            return Err(CouplingError::Pairs { axes, expected, found: pairs.len() });
+        }
+        let mut matrix = Matrix3::zeros();
+        for (&coupling, (row, column)) in pairs.iter().zip([(0, 1), (0, 2), (1, 2)]) {
+            matrix[(row, column)] = coupling;
+            matrix[(column, row)] = coupling;
+        }
+        Ok(Self(matrix))
+    }
+
+    /// Least eigenvalue of the handle's inertia matrix in units of the axes' own inertia (kg·m²);
+    /// NaN where a number is not finite.
+    pub fn least_eigenvalue(&self, inertia_kg_m2: &[f64]) -> f64 {
+        let axes = inertia_kg_m2.len().min(AXES);
+        if inertia_kg_m2.iter().chain(self.0.iter()).any(|value| !value.is_finite()) {
+            return f64::NAN;
+        }
+        // Missing axes are uncoupled: their eigenvalue is 1.
+        let scaled = Matrix3::from_fn(|row, column| match row == column {
+            true => 1.0,
+            false if row < axes && column < axes => {
+                self.0[(row, column)] / (inertia_kg_m2[row] * inertia_kg_m2[column]).sqrt()
+            }
+            false => 0.0,
+        });
+        scaled.symmetric_eigenvalues().min()
+    }
+
+    /// The least eigenvalue, where the handle is heavy enough in every direction.
+    ///
+    /// # Errors
+    /// [`CouplingError::TooStrong`].
+    pub fn check(&self, inertia_kg_m2: &[f64]) -> Result<f64, CouplingError> {
+        let found = self.least_eigenvalue(inertia_kg_m2);
+        if found >= LEAST_EIGENVALUE { Ok(found) } else { Err(CouplingError::TooStrong { found }) }
+    }
+}
+
+/// One to three transmissions at one handle, in motion.
+#[derive(Clone, Debug)]
+pub struct Plant {
+    axes: Vec<transmission_kinds::Plant>,
+    coupling: HandleCoupling,
+    coupled: bool,
+    longest_step_s: f64,
+    /// Change of the slaves' velocities over the last internal step: start of the iteration.
+    increments: [f64; AXES],
+    coupled_at_start_j: f64,
+}
+
+impl Plant {
+    /// Joins transmissions at one handle.
+    ///
+    /// # Errors
+    /// [`CouplingError`].
+    pub fn new(
+        axes: Vec<transmission_kinds::Plant>,
+        coupling: &HandleCoupling,
+    ) -> Result<Self, CouplingError> {
+        if !(1..=AXES).contains(&axes.len()) {
+            return Err(CouplingError::Axes { found: axes.len() });
+        }
+        let mut inertia = [0.0; AXES];
+        for (inertia, axis) in inertia.iter_mut().zip(&axes) {
+            *inertia = axis.slave_inertia_kg_m2();
+        }
+        let least = coupling.check(&inertia[..axes.len()])?;
+        let longest = axes
+            .iter()
+            .map(transmission_kinds::Plant::longest_step_s)
+            .fold(f64::INFINITY, f64::min);
+        let mut plant = Self {
+            // A handle with less inertia in some direction oscillates faster there, at most by the
+            // inverse root of the least eigenvalue.
+            longest_step_s: longest * least.min(1.0).sqrt(),
+            coupled: axes.len() > 1 && coupling.0.iter().any(|&value| value != 0.0),
+            axes,
+            coupling: *coupling,
+            increments: [0.0; AXES],
+            coupled_at_start_j: 0.0,
+        };
+        plant.coupled_at_start_j = plant.coupled_j();
+        Ok(plant)
+    }
+
+    /// Number of axes.
+    pub fn count(&self) -> usize {
+        self.axes.len()
+    }
+
+    /// The transmission of an axis; none where there is no such axis.
+    pub fn axis(&self, axis: usize) -> Option<&transmission_kinds::Plant> {
+        self.axes.get(axis)
+    }
+
+    /// Longest internal step while the axes are coupled (s).
+    pub fn longest_step_s(&self) -> f64 {
+        self.longest_step_s
+    }
+
+    /// Motion of an axis; all zero where there is no such axis.
+    pub fn motion(&self, axis: usize) -> Motion {
+        self.axes.get(axis).map_or_else(Motion::default, Transmission::motion)
+    }
+
+    /// What the instruments of an axis read; all zero where there is no such axis.
+    pub fn reading(&self, axis: usize) -> Reading {
+        self.axes.get(axis).map_or_else(Reading::default, Transmission::reading)
+    }
+
+    /// Advances all axes by `dt_s` (s) with their inputs held, one per axis; an axis without one
+    /// has 0 V and no hand. Does nothing unless `dt_s` is positive. Allocates nothing.
+    pub fn step(&mut self, inputs: &[Input], dt_s: f64) {
+        let input = |axis: usize| inputs.get(axis).copied().unwrap_or_default();
+        if !self.coupled {
+            for (axis, plant) in self.axes.iter_mut().enumerate() {
+                plant.step(input(axis), dt_s);
+            }
+            return;
+        }
+        let (count, step) = sub_steps(dt_s, self.longest_step_s);
+        for _ in 0..count {
+            let mut pending = [const { None }; AXES];
+            let mut loads = [Load::default(); AXES];
+            let mut speeds = [0.0; AXES];
+            for (axis, plant) in self.axes.iter_mut().enumerate() {
+                speeds[axis] = plant.motion().slave_velocity_rad_s;
+                let begun = plant.begin(input(axis), step);
+                (loads[axis], pending[axis]) = (begun.load, Some(begun));
+            }
+            let slaves = self.move_slaves(&speeds, &loads, step);
+            for ((axis, plant), begun) in self.axes.iter_mut().enumerate().zip(&pending) {
+                self.increments[axis] = slaves[axis].velocity - speeds[axis];
+                if let Some(begun) = begun {
+                    plant.complete(begun, slaves[axis]);
+                }
+            }
+        }
+        for (axis, plant) in self.axes.iter_mut().enumerate() {
+            plant.read(input(axis));
+        }
+    }
+
+    /// Moves all slaves over one internal step, each with the torque of the others' accelerations.
+    fn move_slaves(
+        &self,
+        speeds: &[f64; AXES],
+        loads: &[Load; AXES],
+        step: f64,
+    ) -> [Advance; AXES] {
+        let count = self.axes.len();
+        let mut slaves: [Advance; AXES] = std::array::from_fn(|axis| Advance {
+            velocity: speeds[axis] + self.increments[axis],
+            displacement: 0.0,
+            dissipated: 0.0,
+        });
+        for _ in 0..ITERATIONS {
+            let (mut change, mut fastest) = (0.0_f64, SLOW_RAD_S);
+            for axis in 0..count {
+                let mut load = loads[axis];
+                for other in (0..count).filter(|&other| other != axis) {
+                    let acceleration = (slaves[other].velocity - speeds[other]) / step;
+                    load.force -= self.coupling.0[(axis, other)] * acceleration;
+                }
+                let moved = advance(speeds[axis], step, &load);
+                change = change.max((moved.velocity - slaves[axis].velocity).abs());
+                fastest = fastest.max(moved.velocity.abs()).max(speeds[axis].abs());
+                slaves[axis] = moved;
+            }
+            // NaN ends the iteration as well.
+            if change <= PRECISION * fastest || change.is_nan() {
+                break;
+            }
+        }
+        slaves
+    }
+
+    /// Kinetic energy that the coupling adds to that of the axes (J); may be negative.
+    fn coupled_j(&self) -> f64 {
+        let speed = |axis: usize| self.motion(axis).slave_velocity_rad_s;
+        let pairs = [(0, 1), (0, 2), (1, 2)];
+        pairs
+            .iter()
+            .map(|&(row, column)| self.coupling.0[(row, column)] * speed(row) * speed(column))
+            .sum()
+    }
+
+    /// Energy balance of all axes since the start, the handle's coupling included.
+    pub fn energy(&self) -> EnergyBalance {
+        let start = EnergyBalance {
+            stored_j: self.coupled_j() - self.coupled_at_start_j,
+            ..EnergyBalance::default()
+        };
+        self.axes.iter().map(Transmission::energy).fold(start, |sum, axis| EnergyBalance {
+            input_j: sum.input_j + axis.input_j,
+            stored_j: sum.stored_j + axis.stored_j,
+            dissipated_j: sum.dissipated_j + axis.dissipated_j,
+            effects_j: sum.effects_j + axis.effects_j,
+            throughput_j: sum.throughput_j + axis.throughput_j,
+        })
+    }
+}

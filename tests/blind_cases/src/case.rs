@@ -1,0 +1,271 @@
+//! A case: a machine, eight to ten records of it, and the truth about them.
+
+use std::collections::BTreeMap;
+use std::fs::{self, File};
+use std::io::{self, BufWriter, Write};
+use std::path::{Path, PathBuf};
+
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use crate::case_plan::{Builder, CaseError, Plan, signals};
+use crate::detectability::{Detectability, detect};
+use crate::effects::{self, Effect, Entry, Kinds};
+use crate::machine_parameters::MachineParameters;
+use crate::random::{Draw, subseed};
+use crate::record::{self, Noise, RECORD_TO_RECORD_S, Record};
+use crate::reference::Kind;
+use crate::smoothing::Smoothing;
+
+/// The set that a case belongs to.
+#[derive(
+    Clone,
+    Copy,
+    Debug,
+    PartialEq,
+    Eq,
+    Hash,
+    PartialOrd,
+    Ord,
+    Serialize,
+    Deserialize,
+    clap::ValueEnum,
+)]
+#[serde(rename_all = "snake_case")]
+pub enum Set {
+    /// One listed effect.
+    Listed,
+    /// No effect.
+    Clean,
+    /// One unlisted effect.
+    Unlisted,
+    /// Two listed effects at different sites.
+    Pairs,
+}
+
+impl Set {
+    /// All sets.
+    pub const ALL: [Self; 4] = [Self::Listed, Self::Clean, Self::Unlisted, Self::Pairs];
+
+    /// Its name in folders and tables.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Listed => "listed",
+            Self::Clean => "clean",
+            Self::Unlisted => "unlisted",
+            Self::Pairs => "pairs",
+        }
+    }
+}
+
+/// The truth about a case, except for its random numbers: `truth.json`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Truth {
+    /// Set.
+    pub set: Set,
+    /// Index within the set.
+    pub index: usize,
+    /// Seed of the case.
+    pub seed: u64,
+    /// Effects; none in a clean case.
+    pub effects: Vec<Effect>,
+    /// Constants of the machine without the effects.
+    pub machine: BTreeMap<String, f64>,
+    /// How dry friction passes through zero.
+    pub smoothing: Smoothing,
+    /// Noise.
+    pub noise: Noise,
+    /// Steps of the integrator per row.
+    pub steps_per_row: usize,
+    /// Records.
+    pub records: Vec<Plan>,
+    /// Detectability of each effect.
+    pub detectability: Vec<Detectability>,
+}
+
+/// A case with its records.
+#[derive(Clone, Debug)]
+pub struct Case {
+    /// The truth.
+    pub truth: Truth,
+    /// Records, in the order of the plan.
+    pub records: Vec<Record>,
+}
+
+/// The case of a set, an index within it and a campaign's seed. `kinds` selects among the unlisted
+/// effects; `forced` names effects in place of those of the set.
+///
+/// # Errors
+/// [`CaseError::Unknown`], [`CaseError::Unbuildable`].
+pub fn make(
+    set: Set,
+    index: usize,
+    campaign_seed: u64,
+    kinds: Kinds,
+    forced: &[String],
+) -> Result<Case, CaseError> {
+    let mut case = unjudged(set, index, campaign_seed, kinds, forced)?;
+    let mut machine = MachineParameters::declared();
+    for (name, value) in &case.truth.machine {
+        if let Some(place) = machine.named_mut(name) {
+            *place = *value;
+        }
+    }
+    let builder =
+        Builder { machine, smoothing: case.truth.smoothing, effects: case.truth.effects.clone() };
+    case.truth.detectability = (0..builder.effects.len())
+        .map(|index| detect(&case.truth.records, &case.records, &builder, &builder.without(index)))
+        .collect::<Result<Vec<_>, CaseError>>()?;
+    Ok(case)
+}
+
+/// As [`make`], without the detectability of the effects.
+///
+/// # Errors
+/// [`CaseError::Unknown`], [`CaseError::Unbuildable`].
+pub fn unjudged(
+    set: Set,
+    index: usize,
+    campaign_seed: u64,
+    kinds: Kinds,
+    forced: &[String],
+) -> Result<Case, CaseError> {
+    let seed = subseed(campaign_seed, &format!("{} {index}", set.name()));
+    let mut draw = Draw::new(subseed(seed, "machine"));
+    let machine = MachineParameters::drawn(&mut draw);
+    let smoothing = match set {
+        Set::Clean if index % 2 == 1 => Smoothing::foreign(&mut draw),
+        Set::Clean => Smoothing::plain(&mut draw),
+        _ => Smoothing::common(&mut draw),
+    };
+    let noise = Noise::drawn(&mut draw);
+    let mut draw = Draw::new(subseed(seed, "effects"));
+    let effects: Vec<Effect> = choose(set, index, kinds, forced, &mut draw)?
+        .into_iter()
+        .map(|entry| entry.draw(&mut draw))
+        .collect();
+    let plans = plan(seed);
+    let builder = Builder { machine, smoothing, effects };
+    let steps_per_row = builder.model(None)?.steps();
+    let records = plans
+        .par_iter()
+        .enumerate()
+        .map(|(number, plan)| {
+            let (wanted, torque) = signals(plan);
+            let seed = subseed(seed, &format!("noise {number}"));
+            Ok(record::run(&mut builder.model(None)?, &wanted, &torque, plan.start_s, &noise, seed))
+        })
+        .collect::<Result<Vec<_>, CaseError>>()?;
+    let Builder { machine, effects, .. } = builder;
+    let truth = Truth {
+        set,
+        index,
+        seed,
+        effects,
+        machine: machine.named(),
+        smoothing,
+        noise,
+        steps_per_row,
+        records: plans,
+        detectability: Vec::new(),
+    };
+    Ok(Case { truth, records })
+}
+
+fn choose(
+    set: Set,
+    index: usize,
+    kinds: Kinds,
+    forced: &[String],
+    draw: &mut Draw,
+) -> Result<Vec<&'static Entry>, CaseError> {
+    if !forced.is_empty() {
+        return forced
+            .iter()
+            .map(|name| effects::find(name).ok_or_else(|| CaseError::Unknown(name.clone())))
+            .collect();
+    }
+    let listed = effects::listed();
+    Ok(match set {
+        Set::Clean => Vec::new(),
+        Set::Listed => vec![listed[index % listed.len()]],
+        Set::Unlisted => {
+            let unlisted = effects::unlisted(kinds);
+            vec![unlisted[index % unlisted.len()]]
+        }
+        Set::Pairs => {
+            let first = listed[draw.below(listed.len())];
+            let others = effects::beside(first);
+            vec![first, others[draw.below(others.len())]]
+        }
+    })
+}
+
+/// Eight to ten records: a repeated multisine, a repeated one with a hand and another with a hand,
+/// and each other kind.
+fn plan(seed: u64) -> Vec<Plan> {
+    let mut draw = Draw::new(subseed(seed, "plan"));
+    let kinds = [
+        (Kind::Multisine, "a", None),
+        (Kind::Triangles, "b", None),
+        (Kind::Multisine, "f", Some("hand a")),
+        (Kind::Chirp, "c", None),
+        (Kind::Multisine, "a", None),
+        (Kind::Steps, "d", None),
+        (Kind::Multisine, "f", Some("hand a")),
+        (Kind::Sines, "e", None),
+        (Kind::Triangles, "g", Some("hand b")),
+        (Kind::Multisine, "h", None),
+    ];
+    let count = 8 + draw.below(3);
+    kinds[..count]
+        .iter()
+        .enumerate()
+        .map(|(number, (kind, reference, hand))| Plan {
+            file: format!("record-{:02}.csv", number + 1),
+            kind: *kind,
+            reference_seed: subseed(seed, reference),
+            hand_seed: hand.map(|hand| subseed(seed, hand)),
+            start_s: number as f64 * RECORD_TO_RECORD_S,
+        })
+        .collect()
+}
+
+impl Case {
+    /// Writes records and truth into a folder.
+    ///
+    /// # Errors
+    /// [`CaseError::Write`].
+    pub fn write(&self, folder: &Path) -> Result<(), CaseError> {
+        self.write_records(folder)?;
+        let path = folder.join("truth.json");
+        serde_json::to_string_pretty(&self.truth)
+            .map_err(io::Error::from)
+            .and_then(|text| fs::write(&path, text))
+            .map_err(|source| CaseError::Write { path, source })
+    }
+
+    /// Writes the records only, without the truth; returns their files.
+    ///
+    /// # Errors
+    /// [`CaseError::Write`].
+    pub fn write_records(&self, folder: &Path) -> Result<Vec<PathBuf>, CaseError> {
+        let write = |path: &Path, record: &Record| {
+            let mut file = BufWriter::new(File::create(path)?);
+            record.write(&mut file)?;
+            file.flush()
+        };
+        fs::create_dir_all(folder)
+            .map_err(|source| CaseError::Write { path: folder.to_owned(), source })?;
+        let named = self.truth.records.iter().zip(&self.records);
+        named
+            .map(|(plan, record)| {
+                let path = folder.join(&plan.file);
+                match write(&path, record) {
+                    Ok(()) => Ok(path),
+                    Err(source) => Err(CaseError::Write { path, source }),
+                }
+            })
+            .collect()
+    }
+}
