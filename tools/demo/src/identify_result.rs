@@ -101,5 +101,5 @@ fn effects(found: &[FoundEffect]) -> Table {
             [name, parameter.name.clone(), short(parameter.value), std, parameter.unit.clone()]
         })
     });
-    rows.fold(Table::new(["effect", "parameter", "value", "±", "unit"]), Table::row)
+    Table::new(["effect", "parameter", "value", "±", "unit"]).rows(rows)
 }

@@ -1,7 +1,8 @@
 //! `report.html`: the results of a run on one page.
 
 use ipc_types::{Process, TripCause};
-use report::{Colour, Figure, Page, Table, Tone};
+use report::Colour::{Blue, Green, Grey, Orange, Purple, Sky, Vermillion};
+use report::{Figure, Page, Table, Tone};
 use rig::RigFile;
 
 use crate::analysis::{Analysis, Model, Outage, Trace, master, slave, unpowered_spans};
@@ -137,19 +138,19 @@ fn overview(analysis: &Analysis, shown: &DisplayUnit) -> Figure {
     for (index, (from, until)) in unpowered_spans(&trace.tokens).into_iter().enumerate() {
         let name = if index == 0 { "no power" } else { "" };
         let span = [trace.seconds(from), trace.seconds(until)];
-        figure = figure.colour(Colour::Orange).band(name, &span, &[-extent; 2], &[extent; 2]);
+        figure = figure.band(Orange, name, &span, &[-extent; 2], &[extent; 2]);
     }
     figure = figure
         .y_range(-extent, extent)
-        .colour(Colour::Grey)
-        .dashed("reference", &time, &reference)
-        .colour(Colour::Blue)
-        .line("master", &sample_time, &shown.scale(trace.samples.iter().map(master)))
-        .colour(Colour::Vermillion)
-        .line("slave", &sample_time, &shown.scale(trace.samples.iter().map(slave)));
+        .dashed(Grey, "reference", &time, &reference)
+        .line(Blue, "master", &sample_time, &shown.scale(trace.samples.iter().map(master)))
+        .line(Vermillion, "slave", &sample_time, &shown.scale(trace.samples.iter().map(slave)));
     for outage in &analysis.outages {
-        figure = figure
-            .vertical(format!("{} killed", outage.kill.process), trace.seconds(outage.kill.at_ns));
+        figure = figure.vertical(
+            Grey,
+            format!("{} killed", outage.kill.process),
+            trace.seconds(outage.kill.at_ns),
+        );
     }
     figure
 }
@@ -263,15 +264,12 @@ fn volts(trace: &Trace, outage: &Outage, index: usize, (from, until): (f64, f64)
     )
     .size(WIDTH, 280)
     .x_range(from, until)
-    .colour(Colour::Orange)
-    .scatter("command", &command_x, &command_y)
-    .colour(Colour::Sky)
-    .dashed("held by the DAC", &dac_x, &dac_y)
-    .colour(Colour::Vermillion)
-    .line("at the motor", &motor_x, &motor_y)
-    .vertical("killed", 0.0);
+    .scatter(Orange, "command", &command_x, &command_y)
+    .dashed(Sky, "held by the DAC", &dac_x, &dac_y)
+    .line(Vermillion, "at the motor", &motor_x, &motor_y)
+    .vertical(Grey, "killed", 0.0);
     if let Some(trip) = outage.trip_ms {
-        volts = volts.colour(Colour::Green).vertical(format!("0 V after {trip:.1} ms"), trip);
+        volts = volts.vertical(Green, format!("0 V after {trip:.1} ms"), trip);
     }
     volts
 }
@@ -296,20 +294,25 @@ fn recovery(trace: &Trace, outage: &Outage, index: usize, shown: &DisplayUnit) -
     )
     .size(WIDTH, 280)
     .x_range(from_s, until_s)
-    .colour(Colour::Grey)
-    .dashed("reference", &time, &reference)
-    .colour(Colour::Blue)
-    .line("master", &sample_time, &shown.scale(samples.iter().map(|(_, sample)| master(sample))))
-    .colour(Colour::Vermillion)
-    .line("slave", &sample_time, &shown.scale(samples.iter().map(|(_, sample)| slave(sample))))
-    .vertical("killed", kill_s);
+    .dashed(Grey, "reference", &time, &reference)
+    .line(
+        Blue,
+        "master",
+        &sample_time,
+        &shown.scale(samples.iter().map(|(_, sample)| master(sample))),
+    )
+    .line(
+        Vermillion,
+        "slave",
+        &sample_time,
+        &shown.scale(samples.iter().map(|(_, sample)| slave(sample))),
+    )
+    .vertical(Grey, "killed", kill_s);
     if let Some(back) = outage.restart_ms {
-        recovery = recovery.colour(Colour::Green).vertical("process back", kill_s + back * 1e-3);
+        recovery = recovery.vertical(Green, "process back", kill_s + back * 1e-3);
     }
     if let Some(enabled) = outage.enabled_ms {
-        recovery = recovery
-            .colour(Colour::Purple)
-            .vertical("enabled by the operator", kill_s + enabled * 1e-3);
+        recovery = recovery.vertical(Purple, "enabled by the operator", kill_s + enabled * 1e-3);
     }
     recovery
 }
@@ -336,11 +339,9 @@ fn states(analysis: &Analysis, outage: &Outage, index: usize, (from, until): (f6
     .size(WIDTH, 180)
     .x_range(from, until)
     .y_range(-0.3, 4.3)
-    .colour(Colour::Blue)
-    .line("watchdog", &watchdog_x, &watchdog_y)
-    .colour(Colour::Green)
-    .dashed("gate", &gate_x, &gate_y)
-    .vertical("killed", 0.0)
+    .line(Blue, "watchdog", &watchdog_x, &watchdog_y)
+    .dashed(Green, "gate", &gate_x, &gate_y)
+    .vertical(Grey, "killed", 0.0)
 }
 
 fn outage_text(outage: &Outage, process: Process, cause: TripCause) -> String {
@@ -399,10 +400,8 @@ fn model(page: Page, model: &Model, summary: &Summary, shown: &DisplayUnit) -> P
             |values: &[f64]| values.iter().map(|value| value * factor).collect::<Vec<f64>>();
         let figure = Figure::new(channel.name, "time / s", label)
             .size(WIDTH, 240)
-            .colour(Colour::Blue)
-            .line("measured", &model.time_s, &scaled(&channel.measured))
-            .colour(Colour::Vermillion)
-            .dashed("declared model", &model.time_s, &scaled(&channel.declared));
+            .line(Blue, "measured", &model.time_s, &scaled(&channel.measured))
+            .dashed(Vermillion, "declared model", &model.time_s, &scaled(&channel.declared));
         page = page.figure(
             &figure,
             &format!("{}: rms error {:.4} {}.", channel.name, channel.error, channel.unit),

@@ -117,7 +117,7 @@ pub fn run(args: Args) -> anyhow::Result<i32> {
         }
         Err(error) => return Err(error),
     };
-    terminal.progress(|| "reading the recording, running the declared model".to_owned());
+    terminal.progress("reading the recording, running the declared model");
     let trace = Trace::read(&folder.recording())?;
     let analysis = analyse(trace, &kills, &rig)?;
     let mut outcome = Outcome::of(&analysis);
@@ -140,10 +140,9 @@ pub fn run(args: Args) -> anyhow::Result<i32> {
     let mut identify_result = IdentifyResult::Skipped;
     let (mut summary, mut unwritten) = results(&identify_result)?;
     if !args.no_identify {
-        terminal.progress(|| {
-            "identify: what does the declared model lack? A minute or more; Ctrl-C ends it"
-                .to_owned()
-        });
+        terminal.progress(
+            "identify: what does the declared model lack? A minute or more; Ctrl-C ends it",
+        );
         end_at_once_on_signals()?;
         identify_result = IdentifyResult::of(&folder.recording(), &rig);
         (summary, unwritten) = results(&identify_result)?;
@@ -255,7 +254,7 @@ fn run_session(
         profile: None,
         executable: std::env::current_exe().context("cannot find the farreach executable")?,
     };
-    terminal.progress(|| "starting all processes".to_owned());
+    terminal.progress("starting all processes");
     let begun = Instant::now();
     let mut guard = Guard { name, down: false };
     let up = operator::up(&options)?;
@@ -279,7 +278,7 @@ fn run_session(
     let written = session.finish()?;
     drop(session);
     terminal.print(&format!("recording ended, {written} messages"));
-    terminal.progress(|| "stopping all processes".to_owned());
+    terminal.progress("stopping all processes");
     let down = guard.down()?;
     if down.cleaning == Cleaning::InUse {
         terminal.warn(&format!(

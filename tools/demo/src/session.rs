@@ -106,7 +106,7 @@ impl<'a> Session<'a> {
         if recording.recording.is_none() {
             bail!("the logger does not record: {}", recording.error);
         }
-        self.terminal.progress(|| "reset, arm, enable".to_owned());
+        self.terminal.progress("reset, arm, enable");
         let took = self.power()?;
         self.terminal.print(&format!(
             "reset, armed, enabled by the operator after {:.1} s",
@@ -166,9 +166,10 @@ impl<'a> Session<'a> {
                 );
             }
             let label = labels.get(answer.segment as usize).copied().unwrap_or_default();
-            self.terminal.progress(|| {
-                format!("{label}, {:.0} of {:.0} s", answer.elapsed_s, answer.duration_s)
-            });
+            self.terminal.progress(format!(
+                "{label}, {:.0} of {:.0} s",
+                answer.elapsed_s, answer.duration_s
+            ));
             if let Some((process, from_s)) = next
                 && answer.elapsed_s >= *from_s
                 && self.powered_at.elapsed() >= SETTLED
@@ -206,7 +207,7 @@ impl<'a> Session<'a> {
     /// Takes power away, ends the recording. Returns how many messages the logger wrote.
     pub(crate) fn finish(&mut self) -> anyhow::Result<u64> {
         let answer = operator::verb(&self.link, Verb::Disarm).context("disarm")?;
-        self.terminal.progress(|| format!("{}, the recording ends", answer.state));
+        self.terminal.progress(format!("{}, the recording ends", answer.state));
         // so that the last scans show the motor at 0 V
         self.pause(Duration::from_millis(200))?;
         let stopped = self.link.logger(&LoggerRequest::Stop)?;
@@ -231,7 +232,7 @@ impl<'a> Session<'a> {
             bail!("{process} ({victim}) was dead before it was killed");
         }
         let kill = Kill { process, at_ns };
-        self.terminal.progress(|| format!("{process} killed with SIGKILL"));
+        self.terminal.progress(format!("{process} killed with SIGKILL"));
         let tripped = self.wait(BACK_LIMIT, |session| session.state() != WatchdogState::Enabled)?;
         if !tripped {
             bail!("{process} was killed and the watchdog did not trip within {BACK_LIMIT:?}");
@@ -293,7 +294,7 @@ impl<'a> Session<'a> {
                     if begun.elapsed() > VERB_LIMIT {
                         bail!("`{}` was refused for {VERB_LIMIT:?}: {refused}", verb.name());
                     }
-                    self.terminal.progress(|| format!("{}: {refused}", verb.name()));
+                    self.terminal.progress(format!("{}: {refused}", verb.name()));
                     self.pause(RETRY_PERIOD)?;
                     // A fault that came meanwhile sends the operator back to the first verb.
                     if verb != Verb::Reset

@@ -23,17 +23,10 @@ pub(crate) fn events(trace: &Trace) -> String {
 
 /// The sections on timing and on the recording.
 pub(crate) fn tables(page: Page, analysis: &Analysis, summary: &Summary) -> Page {
-    let mut kills = Table::new([
-        "killed",
-        "V before",
-        "0 V / ms",
-        "tripped / ms",
-        "back / ms",
-        "enabled / ms",
-        "voltage again / ms",
-    ]);
-    for outage in &analysis.outages {
-        kills = kills.row([
+    let head = "killed | V before | 0 V / ms | tripped / ms | back / ms | enabled / ms | \
+        voltage again / ms";
+    let kills = Table::new(head.split(" | ")).rows(analysis.outages.iter().map(|outage| {
+        [
             outage.kill.process.to_string(),
             format!("{:.2}", outage.volts_before),
             ms(outage.trip_ms),
@@ -41,38 +34,34 @@ pub(crate) fn tables(page: Page, analysis: &Analysis, summary: &Summary) -> Page
             ms(outage.restart_ms),
             ms(outage.enabled_ms),
             ms(outage.powered_ms),
-        ]);
-    }
-    let mut trips = Table::new(["time / s", "cause"]);
-    for trip in &analysis.unprovoked {
+        ]
+    }));
+    let trips = Table::new(["time / s", "cause"]).rows(analysis.unprovoked.iter().map(|trip| {
         let cause = TripCause::from_code(trip.cause).unwrap_or(TripCause::None);
-        trips =
-            trips.row([format!("{:.3}", analysis.trace.seconds(trip.time_ns)), cause.to_string()]);
-    }
-    let mut timing =
-        Table::new(["", "p50 / µs", "p99 / µs", "p99.9 / µs", "max / µs", "missed periods"]);
+        [format!("{:.3}", analysis.trace.seconds(trip.time_ns)), cause.to_string()]
+    }));
     let row = |name: String, p: &Percentiles, missed: Option<u64>| {
         let us = |value: f64| format!("{value:.0}");
         let missed = missed.map_or("–".to_owned(), |count| count.to_string());
         [name, us(p.p50), us(p.p99), us(p.p99_9), us(p.max), missed]
     };
-    for (process, late) in &summary.wake_late_us.by_process {
-        timing = timing.row(row(
-            format!("{process}: wake-up latency"),
-            late,
-            summary.missed_periods.get(process).copied(),
-        ));
-    }
-    timing = timing.row(row("sample to command".to_owned(), &summary.sample_to_command_us, None));
-    let mut rates = Table::new(["incarnation of control", "commands / Hz"]);
-    for (index, rate) in analysis.timing.command_rates.iter().enumerate() {
-        rates = rates
-            .row([format!("{} ({:016x})", index + 1, rate.incarnation), format!("{:.3}", rate.hz)]);
-    }
-    let mut disk = Table::new(["topic", "on disk", "lost"]);
-    for topic in &analysis.losses.topics {
-        disk = disk.row([topic.topic.clone(), topic.written.to_string(), topic.lost.to_string()]);
-    }
+    let loops = summary.wake_late_us.by_process.iter().map(|(process, late)| {
+        let missed = summary.missed_periods.get(process).copied();
+        row(format!("{process}: wake-up latency"), late, missed)
+    });
+    let head = " | p50 / µs | p99 / µs | p99.9 / µs | max / µs | missed periods";
+    let timing = Table::new(head.split(" | ")).rows(loops).row(row(
+        "sample to command".to_owned(),
+        &summary.sample_to_command_us,
+        None,
+    ));
+    let rates = analysis.timing.command_rates.iter().enumerate().map(|(index, rate)| {
+        [format!("{} ({:016x})", index + 1, rate.incarnation), format!("{:.3}", rate.hz)]
+    });
+    let rates = Table::new(["incarnation of control", "commands / Hz"]).rows(rates);
+    let topics = analysis.losses.topics.iter();
+    let disk = Table::new(["topic", "on disk", "lost"])
+        .rows(topics.map(|of| [of.topic.clone(), of.written.to_string(), of.lost.to_string()]));
     let mut page = page.heading("Timing").table(
         kills,
         "Times after each kill in ms, from the card's scans, the watchdog's tokens and the topic \

@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use crate::error::{FiguresError, Result};
+use anyhow::{Context as _, Result, bail};
 
 /// A file that marks a folder of this command, so that the next run may replace it.
 const MARK: &str = ".farreach-figures";
@@ -14,19 +14,29 @@ pub(crate) const ERRORS_CSV: &str = "figure-4.6.csv";
 /// Checks that a folder can be written before anything is computed.
 ///
 /// # Errors
-/// [`FiguresError::NotAFolder`], [`FiguresError::NotOurs`], [`FiguresError::Io`].
+/// Where it is a file, holds what this command did not write, or cannot be written to.
 pub(crate) fn check(folder: &Path) -> Result<PathBuf> {
-    let folder = std::path::absolute(folder).map_err(io("make absolute", folder))?;
+    let folder = std::path::absolute(folder).with_context(refused("make absolute", folder))?;
     if folder.exists() {
         if !folder.is_dir() {
-            return Err(FiguresError::NotAFolder(folder));
+            bail!(
+                "{}: expected a folder, found a file; choose another folder with --out",
+                folder.display()
+            );
         }
         let ours = folder.join(MARK).exists();
-        for entry in fs::read_dir(&folder).map_err(io("read", &folder))? {
-            let name =
-                entry.map_err(io("read", &folder))?.file_name().to_string_lossy().into_owned();
+        for entry in fs::read_dir(&folder).with_context(refused("read", &folder))? {
+            let name = entry
+                .with_context(refused("read", &folder))?
+                .file_name()
+                .to_string_lossy()
+                .into_owned();
             if !(ours && is_result(&name)) {
-                return Err(FiguresError::NotOurs { folder, found: name });
+                bail!(
+                    "{}: holds {name}, which `farreach figures` did not write; nothing was \
+                        changed: choose another folder with --out",
+                    folder.display()
+                );
             }
         }
     }
@@ -39,35 +49,36 @@ pub(crate) fn check(folder: &Path) -> Result<PathBuf> {
 /// at the end.
 ///
 /// # Errors
-/// [`FiguresError::Io`]; the folder is then as it was.
+/// Where it cannot be written to; the folder is then as it was.
 pub(crate) fn write(folder: &Path, files: &[(String, Vec<u8>)]) -> Result<()> {
     let temporary = beside(folder)?;
     let fresh = temporary.path().join("fresh");
-    fs::create_dir(&fresh).map_err(io("make", &fresh))?;
+    fs::create_dir(&fresh).with_context(refused("make", &fresh))?;
     for (name, content) in files {
         let path = fresh.join(name);
-        fs::write(&path, content).map_err(io("write", &path))?;
+        fs::write(&path, content).with_context(refused("write", &path))?;
     }
     let mark = fresh.join(MARK);
-    fs::write(&mark, "farreach figures replaces this folder\n").map_err(io("write", &mark))?;
+    fs::write(&mark, "farreach figures replaces this folder\n")
+        .with_context(refused("write", &mark))?;
     let old = temporary.path().join("old");
     if folder.exists() {
-        fs::rename(folder, &old).map_err(io("replace", folder))?;
+        fs::rename(folder, &old).with_context(refused("replace", folder))?;
     }
-    fs::rename(&fresh, folder).map_err(|error| {
+    let placed = fs::rename(&fresh, folder).with_context(refused("make", folder));
+    placed.inspect_err(|_| {
         // Restores the old folder; if that fails too, the first error says more.
         let _ = fs::rename(&old, folder);
-        io("make", folder)(error)
     })
 }
 
 fn beside(folder: &Path) -> Result<tempfile::TempDir> {
     let parent = folder.parent().unwrap_or(folder);
-    fs::create_dir_all(parent).map_err(io("make", parent))?;
+    fs::create_dir_all(parent).with_context(refused("make", parent))?;
     tempfile::Builder::new()
         .prefix(".farreach-figures-")
         .tempdir_in(parent)
-        .map_err(io("write into", parent))
+        .with_context(refused("write into", parent))
 }
 
 fn is_result(name: &str) -> bool {
@@ -78,9 +89,10 @@ fn is_result(name: &str) -> bool {
         || figure.is_some_and(|number| number.chars().all(|c| c.is_ascii_digit() || c == '.'))
 }
 
-fn io(doing: &'static str, path: &Path) -> impl Fn(std::io::Error) -> FiguresError + use<> {
-    let path = path.to_owned();
-    move |source| FiguresError::Io { doing, path: path.clone(), source }
+/// What could not be done with which file or folder.
+fn refused(doing: &'static str, path: &Path) -> impl FnOnce() -> String + use<> {
+    let path = path.display().to_string();
+    move || format!("{path}: cannot {doing}; choose a folder that you may write to with --out")
 }
 
 #[cfg(test)]
@@ -113,11 +125,9 @@ mod tests {
         let file = directory.path().join("index.html");
         fs::write(&file, "precious").unwrap();
         let error = check(directory.path()).unwrap_err();
-        assert!(
-            matches!(&error, FiguresError::NotOurs { found, .. } if found == "index.html"),
-            "{error}"
-        );
-        assert!(matches!(check(&file).unwrap_err(), FiguresError::NotAFolder(_)));
+        assert!(error.to_string().contains("holds index.html, which"), "{error}");
+        let error = check(&file).unwrap_err();
+        assert!(error.to_string().contains("expected a folder, found a file"), "{error}");
         let error = check(&file.join("below")).unwrap_err();
         assert!(error.to_string().contains("--out"), "{error}");
         assert_eq!(fs::read(&file).unwrap(), b"precious");
@@ -130,9 +140,6 @@ mod tests {
         write(&folder, &files("one")).unwrap();
         fs::write(folder.join("notes.txt"), "mine").unwrap();
         let error = check(&folder).unwrap_err();
-        assert!(
-            matches!(&error, FiguresError::NotOurs { found, .. } if found == "notes.txt"),
-            "{error}"
-        );
+        assert!(error.to_string().contains("holds notes.txt, which"), "{error}");
     }
 }

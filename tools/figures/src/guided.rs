@@ -6,15 +6,15 @@
 //! learning changes it. By the ratio of the pistons a master that follows perfectly moves the slave
 //! by 0.854 of that.
 
+use anyhow::Result;
 use learning::LearningLaw;
 use lock_step::guided::{Quality, Sine, guided};
-use lock_step::ilc::{IlcError, IlcTask, PUBLISHED, Trace, feedback_only};
+use lock_step::ilc::{IlcTask, PUBLISHED, Trace, feedback_only};
 use plant::hydrostatic::Parameters;
 use rayon::prelude::*;
 use report::{Page, Table};
 use rig::{CompensationKind, HandKind, Observer, RigFile, SlaveLoop};
 
-use crate::error::Result;
 use crate::learning::{BLOCKS, Course, Learning, MODEL_BASED_BLOCKS, by_model, rigs};
 use crate::table_row::{Row, short};
 
@@ -67,39 +67,30 @@ impl LawKind {
         Self::LearntByModel,
     ];
 
+    /// Name in rows, name for a reader, compensation of the rig file's law.
+    const fn table_row(self) -> (&'static str, &'static str, CompensationKind) {
+        use CompensationKind::{Identified, None, Printed};
+        match self {
+            Self::Proportional => ("p", "P", None),
+            Self::Feedback => ("pd", "PD", None),
+            Self::Printed => ("pd_printed", "PD + printed feed-forward", Printed),
+            Self::Identified => ("pd_identified", "PD + identified compensation", Identified),
+            Self::Observer => ("pd_identified_observer", "… + disturbance observer", Identified),
+            Self::Slave => ("pd_identified_slave", "PD + identified + slave loop", Identified),
+            Self::All => ("pd_identified_observer_slave", "… + disturbance observer", Identified),
+            Self::Learnt => ("pd_ilc", "PD + learning, published law", None),
+            Self::LearntByModel => ("pd_ilc_model_based", "PD + learning, model-based law", None),
+        }
+    }
+
     /// Its name in rows.
     pub const fn id(self) -> &'static str {
-        match self {
-            Self::Proportional => "p",
-            Self::Feedback => "pd",
-            Self::Printed => "pd_printed",
-            Self::Identified => "pd_identified",
-            Self::Observer => "pd_identified_observer",
-            Self::Slave => "pd_identified_slave",
-            Self::All => "pd_identified_observer_slave",
-            Self::Learnt => "pd_ilc",
-            Self::LearntByModel => "pd_ilc_model_based",
-        }
+        self.table_row().0
     }
 
     /// Its name for a reader.
     pub const fn name(self) -> &'static str {
-        match self {
-            Self::Proportional => "P",
-            Self::Feedback => "PD",
-            Self::Printed => "PD + printed feed-forward",
-            Self::Identified => "PD + identified compensation",
-            Self::Observer => "… + disturbance observer",
-            Self::Slave => "PD + identified + slave loop",
-            Self::All => "… + disturbance observer",
-            Self::Learnt => "PD + learning, published law",
-            Self::LearntByModel => "PD + learning, model-based law",
-        }
-    }
-
-    /// Whether it is a reference that was learnt, not a law of the rig file.
-    const fn learnt(self) -> bool {
-        matches!(self, Self::Learnt | Self::LearntByModel)
+        self.table_row().1
     }
 
     /// The rig under this law, nobody at the handle.
@@ -107,15 +98,7 @@ impl LawKind {
         rig.simulation.hand.kind = HandKind::Absent;
         let control = &mut rig.axes[0].control;
         let options = &mut control.options;
-        options.compensation.kind = match self {
-            Self::Proportional | Self::Feedback | Self::Learnt | Self::LearntByModel => {
-                CompensationKind::None
-            }
-            Self::Printed => CompensationKind::Printed,
-            Self::Identified | Self::Observer | Self::Slave | Self::All => {
-                CompensationKind::Identified
-            }
-        };
+        options.compensation.kind = self.table_row().2;
         if matches!(self, Self::Observer | Self::All) {
             options.observer = Some(Observer::default());
         }
@@ -174,7 +157,7 @@ pub fn laws(done: impl Fn() + Sync) -> Result<Guided> {
                     law => {
                         let amplitude = AMPLITUDE_DEG.to_radians();
                         let sine = Sine { amplitude, hertz, settle_s: SETTLE_S, keep_s: KEEP_S };
-                        guided(&law.rig(rig.clone()), &[], &sine).map_err(IlcError::from)?
+                        guided(&law.rig(rig.clone()), &[], &sine)?
                     }
                 };
                 Ok(SweepPoint { law, hertz, quality: Quality::of(&trace), trace })
@@ -203,13 +186,11 @@ impl Guided {
     pub fn with_learnt(mut self, learning: &Learning) -> Self {
         let Some(case) = learning.case(LEARNING_CASE) else { return self };
         let last = |course: &Course| course.cycles[2].clone();
-        for cell in
-            self.cells.iter_mut().filter(|cell| cell.hertz == FIGURE_HZ && cell.law.learnt())
-        {
-            cell.trace = match (cell.law, &case.model_based) {
-                (LawKind::Learnt, _) => last(&case.published),
-                (_, Some(course)) => last(course),
-                (_, None) => Trace::default(),
+        for cell in self.cells.iter_mut().filter(|cell| cell.hertz == FIGURE_HZ) {
+            cell.trace = match cell.law {
+                LawKind::Learnt => last(&case.published),
+                LawKind::LearntByModel => case.model_based.as_ref().map(last).unwrap_or_default(),
+                _ => continue,
             };
             cell.quality = Quality::of(&cell.trace);
         }
@@ -228,10 +209,9 @@ impl Guided {
             let Some(quality) = quality else { continue };
             let note = format!(
                 "{}, ±{AMPLITUDE_DEG:.0}° at {hertz} Hz, nobody at the handle",
-                if *law == LawKind::All {
-                    "PD + identified + slave loop + observer"
-                } else {
-                    law.name()
+                match law {
+                    LawKind::All => "PD + identified + slave loop + observer",
+                    law => law.name(),
                 }
             );
             for (name, unit, value, what) in values(quality) {
@@ -306,14 +286,12 @@ pub fn on_page(page: Page, study: &Guided) -> Page {
     ));
     for (title, told) in MEASURES {
         let head = ["law".to_owned()].into_iter().chain(HERTZ.map(|hertz| format!("{hertz} Hz")));
-        let mut table = Table::new(head.collect::<Vec<_>>());
-        for law in LawKind::ALL {
+        let table = Table::new(head).rows(LawKind::ALL.map(|law| {
             let cell = |hertz| study.cell(law, hertz).and_then(|cell| cell.quality);
             let cells = HERTZ
                 .map(|hertz| cell(hertz).map_or_else(|| "–".to_owned(), |quality| told(&quality)));
-            table =
-                table.row(std::iter::once(law.name().to_owned()).chain(cells).collect::<Vec<_>>());
-        }
+            std::iter::once(law.name().to_owned()).chain(cells)
+        }));
         page = page.table(table, title);
     }
     page

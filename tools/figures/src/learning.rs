@@ -3,12 +3,11 @@
 
 use std::fmt::Write;
 
+use anyhow::Result;
 use learning::{LearningLaw, Published};
 use lock_step::ilc::{IlcSimulation, IlcTask, PUBLISHED, Trace, ended, feedback_only, model_based};
 use rayon::prelude::*;
 use rig::{HandKind, RigFile};
-
-use crate::error::Result;
 
 /// Blocks of fig. 4.6.
 pub const BLOCKS: usize = 83;
@@ -233,7 +232,7 @@ fn course(rig: &RigFile, task: &IlcTask, blocks: usize) -> Result<Course> {
     let kept = [1, MIDDLE, blocks];
     for block in 1..=blocks {
         let mut trace = kept.contains(&block).then(Trace::default);
-        let report = simulation.block(trace.as_mut()).map_err(lock_step::ilc::IlcError::from)?;
+        let report = simulation.block(trace.as_mut())?;
         course.errors_deg.push(report.error.map_or(f64::NAN, |error| error.mean_abs.to_degrees()));
         course.ended |= ended(&report);
         if let Some(trace) = trace {

@@ -21,7 +21,6 @@
 
 mod args;
 pub mod calibration;
-mod error;
 mod folder;
 pub mod guided;
 pub mod learning;
@@ -37,5 +36,4 @@ pub mod study;
 pub mod table_row;
 
 pub use args::Args;
-pub use error::{FiguresError, Result};
 pub use run::run;

@@ -1,12 +1,12 @@
 //! The page: the calibration, then every figure.
 
+use anyhow::Result;
 use plant::hydrostatic::compliance::Explanations;
 use report::{Page, Table, Tone};
 
 use crate::calibration::alternatives::{Alternative, held_rows};
 use crate::calibration::cable::{CableCell, cut_off_range_hz};
 use crate::calibration::sensitivity::Friction;
-use crate::error::Result;
 use crate::guided;
 use crate::published::published;
 use crate::study::Study;
@@ -130,36 +130,25 @@ fn softening_words(study: &Study) -> String {
 
 /// Every statement, and in how many cells of the grid it fails.
 fn statements(study: &Study) -> Table {
-    let mut statements = Table::new(["holds", "statement", "over the grid"]);
-    for conclusion in &study.conclusions {
-        let holds = if conclusion.survives() {
-            "yes".to_owned()
-        } else {
-            format!("no ({} of {} cells against)", conclusion.against.len(), study.cells.len())
+    Table::new(["holds", "statement", "over the grid"]).rows(study.conclusions.iter().map(|of| {
+        let holds = match of.against.len() {
+            0 => "yes".to_owned(),
+            against => format!("no ({against} of {} cells against)", study.cells.len()),
         };
-        let range = conclusion.range.map_or_else(String::new, |(low, high, unit)| {
+        let range = of.range.map_or_else(String::new, |(low, high, unit)| {
             format!("{} to {} {}", short(low), short(high), if unit == "1" { "" } else { unit })
         });
-        statements = statements.row([holds, conclusion.statement.clone(), range]);
-    }
-    statements
+        [holds, of.statement.clone(), range]
+    }))
 }
 
 /// The fit in each cell of the grid over friction and amplitude.
 fn grid_cells(study: &Study) -> Table {
-    let mut cells = Table::new([
-        "friction",
-        "amplitude / °",
-        "times softer",
-        "cut-off / Hz",
-        "lag / ms",
-        "gain",
-        "1 m: peak / Hz",
-        "1 m: cut-off / Hz",
-    ]);
-    for cell in &study.cells {
+    let head = "friction | amplitude / ° | times softer | cut-off / Hz | lag / ms | gain | \
+        1 m: peak / Hz | 1 m: cut-off / Hz";
+    Table::new(head.split(" | ")).rows(study.cells.iter().map(|cell| {
         let t = &cell.traced;
-        cells = cells.row([
+        [
             cell.friction.name().to_owned(),
             format!("{:.0}", cell.amplitude_deg),
             short(cell.factor.map(|factor| 1.0 / factor)),
@@ -168,9 +157,8 @@ fn grid_cells(study: &Study) -> Table {
             short(t.low_frequency_gain),
             short(t.short_peak_hz),
             short(t.short_cut_off_hz),
-        ]);
-    }
-    cells
+        ]
+    }))
 }
 
 /// Result of the cable's fit over its own grid.
@@ -199,22 +187,17 @@ fn cable_words(study: &Study) -> Result<String> {
 }
 
 fn cable_cells(cells: &[CableCell]) -> Table {
-    let head = [
-        "amplitude of the slave / °",
-        "damping / (N·s/m)",
-        "times softer",
-        "gain at the peak",
-        "cut-off / Hz",
-    ];
-    cells.iter().fold(Table::new(head), |table, cell| {
-        table.row([
+    let head = "amplitude of the slave / ° | damping / (N·s/m) | times softer | gain at the peak | \
+        cut-off / Hz";
+    Table::new(head.split(" | ")).rows(cells.iter().map(|cell| {
+        [
             format!("{:.0}", cell.amplitude_deg),
             format!("{:.1}", cell.damping_n_s_per_m),
             short(cell.factor.map(|factor| 1.0 / factor)),
             short(cell.peak_gain),
             short(cell.cut_off_hz),
-        ])
-    })
+        ]
+    }))
 }
 
 /// Which of the explanations of a softer line lie in the usual range of such parts.
@@ -237,35 +220,28 @@ fn explanations(study: &Study) -> Result<Table> {
         let cells = study.alternatives.iter().map(cell);
         [name, published, printed].into_iter().chain(cells).collect::<Vec<String>>()
     };
-    let header = ["row", "published", "as printed"].map(str::to_owned);
-    let mut table = Table::new(row(header, &|of| of.short.to_owned()));
-    table = table.row(row(["size, fitted".to_owned(), dash(), dash()], &|of| match of.size {
-        Some(size) if of.unit == "1" => short(size),
-        Some(size) => format!("{} {}", short(size), of.unit),
-        None => dash(),
-    }));
     let printed = &study.common.calibration.printed;
     let resonance = published("hydrostatic.frequency_response_measured.resonance_hz")?;
     let name = format!("resonance / Hz, {}, fitted", resonance.kind.name());
-    table = table.row(row([name, short(resonance.value), short(printed.peak_hz)], &|of| {
-        short(of.prediction.peak_hz)
-    }));
-    let names = [
-        "cut-off / Hz",
-        "lag at 1 Hz / s",
-        "low-frequency gain",
-        "peak at 1 m / Hz",
-        "cut-off at 1 m / Hz",
-    ];
-    for (name, (published, read)) in names.into_iter().zip(held_rows()?) {
+    let header = ["row", "published", "as printed"].map(str::to_owned);
+    let mut table = Table::new(row(header, &|of| of.short.to_owned()))
+        .row(row(["size, fitted".to_owned(), dash(), dash()], &|of| match of.size {
+            Some(size) if of.unit == "1" => short(size),
+            Some(size) => format!("{} {}", short(size), of.unit),
+            None => dash(),
+        }))
+        .row(row([name, short(resonance.value), short(printed.peak_hz)], &|of| {
+            short(of.prediction.peak_hz)
+        }));
+    let names = "cut-off / Hz | lag at 1 Hz / s | low-frequency gain | peak at 1 m / Hz | \
+        cut-off at 1 m / Hz";
+    for (name, (published, read)) in names.split(" | ").zip(held_rows()?) {
         let name = format!("{name}, {}, predicted", published.kind.name());
-        table = table.row(row(
-            [name, short(published.value), short(read(printed))],
-            &|of| match read(&of.prediction) {
-                None if of.size.is_some() => "none".to_owned(),
-                value => short(value),
-            },
-        ));
+        let head = [name, short(published.value), short(read(printed))];
+        table = table.row(row(head, &|of| match read(&of.prediction) {
+            None if of.size.is_some() => "none".to_owned(),
+            value => short(value),
+        }));
     }
     for (name, only_measured) in [("miss, measured / %", true), ("miss, all / %", false)] {
         let miss = |of: &Alternative| of.miss_percent(only_measured);
@@ -306,18 +282,9 @@ fn capital(text: &str) -> String {
 
 /// The table under a figure.
 fn values(rows: &[Row]) -> Table {
-    let mut table = Table::new([
-        "value",
-        "unit",
-        "role",
-        "kind",
-        "published",
-        "as printed",
-        "traced",
-        "error / %",
-    ]);
-    for row in rows {
-        table = table.row([
+    let head = "value | unit | role | kind | published | as printed | traced | error / %";
+    Table::new(head.split(" | ")).rows(rows.iter().map(|row| {
+        [
             row.id.replace("hydrostatic.", "").replace("own.", "").replace('_', " "),
             row.unit.clone(),
             row.role.name().to_owned(),
@@ -326,7 +293,6 @@ fn values(rows: &[Row]) -> Table {
             short(row.printed_constants),
             short(row.traced),
             row.traced_error_percent.map_or("–".to_owned(), |error| format!("{error:+.0}")),
-        ]);
-    }
-    table
+        ]
+    }))
 }

@@ -3,9 +3,8 @@
 //! Cut-off means a gain of 0.707, absolute, above the peak. Values of kind [`Kind::Formula`] are
 //! not printed: they follow from a printed equation, and a test works them out again.
 
+use anyhow::{Context as _, Result};
 use serde::Serialize;
-
-use crate::error::{FiguresError, Result};
 
 /// Where a published value comes from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -115,7 +114,9 @@ published! {
 /// The published value of that name.
 ///
 /// # Errors
-/// [`FiguresError::Published`].
+/// Where there is no value of that name.
 pub fn published(id: &'static str) -> Result<&'static Published> {
-    PUBLISHED.iter().find(|published| published.id == id).ok_or(FiguresError::Published(id))
+    PUBLISHED.iter().find(|published| published.id == id).with_context(|| {
+        format!("no published value `{id}`; its id must stand in the table of published values")
+    })
 }

@@ -2,9 +2,9 @@
 
 use std::f64::consts::TAU;
 
+use anyhow::Result;
 use plant::transmission::{ImposedMotion, Motion, Transmission};
 
-use crate::error::Result;
 use crate::simulated_response::Rig;
 
 /// Frequency of § 5.2.2's movement, Hz.

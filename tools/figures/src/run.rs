@@ -2,11 +2,11 @@
 
 use std::path::PathBuf;
 
+use anyhow::Result;
 use indicatif::{ProgressBar, ProgressStyle};
 use rayon::prelude::*;
 
 use crate::args::Args;
-use crate::error::Result;
 use crate::folder::ERRORS_CSV;
 use crate::study::{STEPS, Study, study};
 use crate::{folder, page};
@@ -21,7 +21,7 @@ const PNG_WIDTH: u32 = 2008;
 ///
 /// # Errors
 /// Where the folder cannot be written, or a figure cannot be computed or drawn.
-pub fn run(args: &Args) -> anyhow::Result<i32> {
+pub fn run(args: &Args) -> Result<i32> {
     let out = args.out.clone().or_else(|| (!args.json).then(|| PathBuf::from(FOLDER)));
     let out = out.map(|out| folder::check(&out)).transpose()?;
     let bar = ProgressBar::new(STEPS as u64)

@@ -1,10 +1,10 @@
 //! What is simulated: the hydrostatic line with its constants, what was put into it, and how it is
 //! moved.
 
+use anyhow::Result;
 use plant::effects::{self, Effect, Site};
 use plant::hydrostatic::{Parameters, Plant};
 
-use crate::error::Result;
 use crate::simulated_response::Rig;
 
 /// Amplitude of the master's sine where nothing else is said, degrees. The thesis prints none.

@@ -1,11 +1,10 @@
 //! Measurements on a simulated transmission: sweeps, the peak, the cut-off, one settled cycle.
 
+use anyhow::Result;
 use plant::response::{Response, frequency_response};
 use plant::transmission::{EnergyBalance, ImposedMotion, Input, Motion, Reading, Transmission};
 use rayon::prelude::*;
 use roots::{SimpleConvergency, find_root_brent};
-
-use crate::error::Result;
 
 /// Gain at which a response counts as cut off (absolute, above the peak).
 pub const CUT_OFF_GAIN: f64 = std::f64::consts::FRAC_1_SQRT_2;
@@ -155,17 +154,18 @@ const REACH: f64 = 5.0;
 /// Its steps, in the logarithm of the frequency.
 const STEP: f64 = 0.05;
 
-/// The first frequency above `from_hz` at which `value` falls below `level`; `None` within five
-/// times `from_hz`.
+/// The first frequency above `from_hz` at which `value` falls below `level`; `None` where there is
+/// none within five times `from_hz`, or no frequency to start from.
 ///
 /// # Errors
 /// Those of [`Rig::plant`].
 pub fn falls_below(
     rig: &impl Rig,
-    from_hz: f64,
+    from_hz: Option<f64>,
     level: f64,
     value: fn(&Response) -> f64,
 ) -> Result<Option<f64>> {
+    let Some(from_hz) = from_hz else { return Ok(None) };
     // A few at a time: what lies far above the crossing need not be computed.
     let steps = (REACH.ln() / STEP).ceil() as usize;
     let frequencies = logarithmic(from_hz, REACH * from_hz, steps + 1);
@@ -188,11 +188,11 @@ pub fn falls_below(
     root(low, high, 1e-4, |frequency| Ok(value(&at(rig, frequency)?) - level))
 }
 
-/// The frequency above the peak at which the gain falls below 0.707, Hz.
+/// The frequency above the peak at which the gain falls below 0.707, Hz; `None` without a peak.
 ///
 /// # Errors
 /// Those of [`Rig::plant`].
-pub fn cut_off(rig: &impl Rig, peak_hz: f64) -> Result<Option<f64>> {
+pub fn cut_off(rig: &impl Rig, peak_hz: Option<f64>) -> Result<Option<f64>> {
     falls_below(rig, peak_hz, CUT_OFF_GAIN, |response| response.gain)
 }
 

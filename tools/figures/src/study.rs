@@ -1,5 +1,6 @@
 //! Computes all results.
 
+use anyhow::Result;
 use plant::response::LinearSystem;
 use rayon::prelude::*;
 
@@ -8,7 +9,6 @@ use crate::calibration::cable::{self, CableCell};
 use crate::calibration::conclusions::{Conclusion, conclusions};
 use crate::calibration::sensitivity::{AMPLITUDES_DEG, Friction, SweepPoint, sensitivity};
 use crate::calibration::{SHORT_M, calibrate, table_rows};
-use crate::error::Result;
 use crate::guided;
 use crate::learning::{PARTS, learn};
 use crate::plots::{Common, PLOTS, Plot};
@@ -85,7 +85,7 @@ pub fn study(done: impl Fn() + Sync) -> Result<Study> {
             let cells = sensitivity(&AMPLITUDES_DEG, &done)?;
             let alternatives =
                 alternatives(common.calibration.factor, common.calibration.traced, &done)?;
-            Result::Ok((cells, alternatives, cable::cells(&done)?))
+            anyhow::Ok((cells, alternatives, cable::cells(&done)?))
         },
     );
     let plots = figures?;

@@ -1,8 +1,8 @@
 //! One line of the comparison, as programs read it.
 
+use anyhow::Result;
 use serde::Serialize;
 
-use crate::error::Result;
 use crate::published::{Published, published};
 
 /// What a value has to do with the fit.
@@ -75,7 +75,7 @@ impl Row {
     /// traced effect.
     ///
     /// # Errors
-    /// [`crate::FiguresError::Published`].
+    /// Where the table of published values has no such value.
     pub fn beside(id: &'static str, role: Role, ours: [Option<f64>; 2]) -> Result<Self> {
         let published = published(id)?;
         let [printed, traced] = ours.map(|ours| Some(error_percent(ours?, published)));

@@ -160,7 +160,7 @@ fn no_size_gives_none() {
 
 /// The frequency at which the slave lags by 90°, Hz.
 fn resonance_hz(line: &Line) -> f64 {
-    falls_below(line, 5.0, -std::f64::consts::FRAC_PI_2, |response| response.phase_rad)
+    falls_below(line, Some(5.0), -std::f64::consts::FRAC_PI_2, |response| response.phase_rad)
         .unwrap()
         .unwrap()
 }
@@ -194,7 +194,7 @@ fn efficiency_rises_with_diameter_and_falls_with_length() {
 #[test]
 fn cut_off_is_where_the_gain_is() {
     let line = soft();
-    let found = cut_off(&line, 8.0).unwrap().unwrap();
+    let found = cut_off(&line, Some(8.0)).unwrap().unwrap();
     close(at(&line, found).unwrap().gain, std::f64::consts::FRAC_1_SQRT_2, 1e-3);
 }
 

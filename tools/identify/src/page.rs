@@ -198,7 +198,7 @@ pub fn page(view: View, outcome: &Outcome) -> Page {
             unlisted.depends_on.replace('_', " "),
             format!("force / {}", u.force),
         )
-        .errors("", &column(0), &column(1), &column(2));
+        .errors(Colour::Blue, "", &column(0), &column(1), &column(2));
         page = page.figure(
             &figure,
             "Nonparametric function of one variable, fitted beside the model; bars are one \
@@ -289,12 +289,12 @@ fn record_figures(page: Page, view: &View, (label, r): (&str, &RecordView), with
     let part = from..(from + length).min(r.time.len());
     let title = if view.channel == Channel::Output { "Output" } else { "Force" };
     let against = |figure: Figure, x: &[f64]| {
-        let figure = figure.colour(Colour::Black).line("measured", x, &r.measured[part.clone()]);
+        let figure = figure.line(Colour::Black, "measured", x, &r.measured[part.clone()]);
         drawn(&declared[part.clone()], &effects[part.clone()], with).into_iter().enumerate().fold(
             figure,
             |figure, (at, (name, colour, y))| match at {
-                0 => figure.colour(colour).line(name, x, y),
-                _ => figure.colour(colour).dashed(name, x, y),
+                0 => figure.line(colour, name, x, y),
+                _ => figure.dashed(colour, name, x, y),
             },
         )
     };
@@ -303,8 +303,8 @@ fn record_figures(page: Page, view: &View, (label, r): (&str, &RecordView), with
     let residual = Figure::new("Residual", "time / s", format!("residual / {unit}")).size(680, 260);
     let residual = drawn(&r.before, &r.after, with)
         .into_iter()
-        .fold(residual, |figure, (name, colour, y)| figure.colour(colour).line(name, &r.time, y))
-        .horizontal("", 0.0);
+        .fold(residual, |figure, (name, colour, y)| figure.line(colour, name, &r.time, y))
+        .horizontal(Colour::Grey, "", 0.0);
     let how = match view.channel {
         Channel::Force => {
             "measured force, and the force that the measured motion needs by the model"
@@ -359,7 +359,7 @@ fn spectrum(view: &View, with: bool) -> Figure {
         }
         let x: Vec<f64> = bands.values().map(|b| b.0 / b.2).collect();
         let y: Vec<f64> = bands.values().map(|b| b.1.sqrt()).collect();
-        figure = figure.colour(colour).line(name, &x, &y);
+        figure = figure.line(colour, name, &x, &y);
     }
     figure
 }

@@ -61,7 +61,7 @@ pub(crate) fn banded(
     let x: Vec<f64> = bins.iter().map(|bin| mean(bin, &|i| values[i])).collect();
     let mut figure = Figure::new("", format!("{what} / {unit}"), format!("residual / {force}"))
         .size(680, 270)
-        .horizontal("", 0.0);
+        .horizontal(Colour::Grey, "", 0.0);
     for (name, colour, residual) in drawn(before, after, with) {
         let means: Vec<f64> = bins.iter().map(|bin| mean(bin, &|i| residual[i])).collect();
         let spread =
@@ -69,11 +69,8 @@ pub(crate) fn banded(
         let spreads: Vec<f64> = bins.iter().zip(&means).map(spread).collect();
         let edge =
             |sign: f64| means.iter().zip(&spreads).map(|(m, s)| m + sign * s).collect::<Vec<f64>>();
-        figure = figure
-            .colour(colour)
-            .band("", &x, &edge(-1.0), &edge(1.0))
-            .colour(colour)
-            .line(name, &x, &means);
+        figure =
+            figure.band(colour, "", &x, &edge(-1.0), &edge(1.0)).line(colour, name, &x, &means);
     }
     figure
 }

@@ -11,6 +11,8 @@ use clap::{Args, Subcommand};
 use ipc_types::{CardKind, Profile, Verb};
 use runtime::RigName;
 
+use crate::RunOptions;
+
 /// The operator's commands.
 #[derive(Clone, Debug, Subcommand)]
 pub enum Command {
@@ -165,15 +167,9 @@ fn parse_profile(text: &str) -> Result<Profile, String> {
 /// `farreach run`.
 #[derive(Clone, Debug, Args)]
 pub struct RunArguments {
-    /// Protocol file, or the name of a protocol shipped with farreach
-    #[arg(value_name = "FILE|NAME")]
-    pub protocol: PathBuf,
-    /// Overrides a value of the protocol before the protocol is checked (repeatable)
-    #[arg(long = "set", value_name = "KEY=VALUE")]
-    pub overrides: Vec<String>,
-    /// Subject code, stored in the recording
-    #[arg(long, value_name = "ID")]
-    pub subject: Option<String>,
+    #[command(flatten)]
+    #[allow(missing_docs)]
+    pub options: RunOptions,
     #[command(flatten)]
     #[allow(missing_docs)]
     pub json: OutputFormat,

@@ -13,6 +13,7 @@ use recording::mcap_write::key;
 use rig::protocol::Protocol;
 use runtime::clock::now_ns;
 use runtime::{RequestError, Subscriber};
+use serde::Serialize;
 
 use crate::initialise_results::{FoundRange, Ranges};
 use crate::status::{active_cause, active_faults, state_of};
@@ -26,13 +27,16 @@ const ABSENCE_LIMIT: Duration = Duration::from_secs(10);
 const POLL_PERIOD: Duration = Duration::from_millis(100);
 
 /// What to run.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, clap::Args)]
 pub struct RunOptions {
-    /// Protocol: a path, or the name of one that ships with farreach.
+    /// Protocol file, or the name of a protocol shipped with farreach
+    #[arg(value_name = "FILE|NAME")]
     pub protocol: PathBuf,
-    /// `KEY=VALUE`, applied before the protocol is checked.
+    /// Overrides a value of the protocol before the protocol is checked (repeatable)
+    #[arg(long = "set", value_name = "KEY=VALUE")]
     pub overrides: Vec<String>,
-    /// Code of the subject; goes into the recording.
+    /// Subject code, stored in the recording
+    #[arg(long, value_name = "ID")]
     pub subject: Option<String>,
 }
 
@@ -55,8 +59,9 @@ pub struct Progress {
     pub ranges: Vec<FoundRange>,
 }
 
-/// How a protocol ended.
-#[derive(Clone, Debug, PartialEq)]
+/// How a protocol ended, as `run --json` prints it.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[serde(tag = "outcome", rename_all = "lowercase")]
 pub enum RunOutcome {
     /// It ran to its end.
     Completed {
@@ -110,7 +115,10 @@ pub fn run_protocol(
         WatchdogState::Armed => {
             verb(link, Verb::Enable)?;
         }
-        state => return Err(Error::NotArmed { state, cause: describe(&token) }),
+        state => {
+            let cause = causes(active_cause(&token), &active_faults(token.faults)).join("; ");
+            return Err(Error::NotArmed { state, cause });
+        }
     }
     record_run(link, &protocol, options)?;
     let mut found = Ranges::new(link, rig)?;
@@ -255,18 +263,14 @@ fn ending(answer: &ExperimentAnswer) -> Result<Option<RunOutcome>, Error> {
     })
 }
 
-/// Cause and active faults of a token; empty if there are none.
-fn describe(token: &EnableToken) -> String {
-    let mut parts = Vec::new();
-    let cause = active_cause(token);
-    if cause != TripCause::None {
-        parts.push(format!("cause: {cause}"));
-    }
-    let faults: Vec<_> = active_faults(token.faults).iter().map(|fault| fault.text()).collect();
-    if !faults.is_empty() {
-        parts.push(format!("active faults: {}", faults.join(", ")));
-    }
-    parts.join("; ")
+/// Why power is latched off, and the active faults; empty if there are none.
+pub(crate) fn causes(cause: TripCause, faults: &[TripCause]) -> Vec<String> {
+    let faults = faults.iter().map(|fault| fault.text()).collect::<Vec<_>>().join(", ");
+    let cause = (cause != TripCause::None).then(|| format!("cause: {cause}"));
+    cause
+        .into_iter()
+        .chain((!faults.is_empty()).then(|| format!("active faults: {faults}")))
+        .collect()
 }
 
 /// The watchdog's tokens, which carry its state 1000 times per second.
@@ -333,6 +337,9 @@ mod tests {
             cause: TripCause::SpeedLimit.code(),
             faults: 1 << TripCause::ControlLost.code(),
             ..Default::default()
+        };
+        let describe = |token: &EnableToken| {
+            causes(active_cause(token), &active_faults(token.faults)).join("; ")
         };
         assert_eq!(describe(&tripped), "cause: speed limit; active faults: control lost");
         let disarmed = EnableToken { state: WatchdogState::Disarmed.code(), faults: 0, ..tripped };

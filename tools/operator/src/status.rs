@@ -1,6 +1,7 @@
 //! State of a rig: the launcher's view of its processes, and what these publish. Read only.
 
 mod observe;
+mod percentiles;
 mod table;
 
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
@@ -15,6 +16,7 @@ use serde::Serialize;
 
 use crate::{Error, RigLink};
 pub use observe::{Observation, Observer};
+pub use percentiles::Percentiles;
 pub use table::table;
 
 /// A rig, as `status --json` prints it. Keys are stable; new ones may be added.
@@ -161,23 +163,6 @@ pub struct ProcessStatus {
     pub losses: Option<Losses>,
     /// Its log file.
     pub log: Option<String>,
-}
-
-/// Percentiles (µs).
-#[derive(Clone, Copy, Debug, Serialize)]
-#[allow(missing_docs)]
-pub struct Percentiles {
-    pub p50: f64,
-    pub p99: f64,
-    pub p99_9: f64,
-    pub max: f64,
-}
-
-impl From<[u64; 4]> for Percentiles {
-    fn from(ns: [u64; 4]) -> Self {
-        let [p50, p99, p99_9, max] = ns.map(|ns| ns as f64 / 1e3);
-        Self { p50, p99, p99_9, max }
-    }
 }
 
 /// The logger.

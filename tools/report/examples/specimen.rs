@@ -1,7 +1,8 @@
 //! Writes a page with every kind of figure, to be looked at after a change of style:
 //! `cargo run -p report --example specimen -- specimen.html`
 
-use report::{Colour, Figure, Page, Table, Tone};
+use report::Colour::{Black, Blue, Green, Grey, Vermillion};
+use report::{Figure, Page, Table, Tone};
 
 fn main() -> Result<(), report::Error> {
     let path = std::env::args().nth(1).unwrap_or_else(|| "specimen.html".to_owned());
@@ -11,17 +12,15 @@ fn main() -> Result<(), report::Error> {
     let measured: Vec<f64> = model.iter().enumerate().map(|(i, m)| m + noise(i)).collect();
     let residual: Vec<f64> = measured.iter().zip(&model).map(|(a, b)| a - b).collect();
     let force = Figure::new("Force, measured against model", "time / s", "force / N")
-        .colour(Colour::Black)
-        .line("measured", &time, &measured)
-        .dashed("model", &time, &model);
+        .line(Black, "measured", &time, &measured)
+        .dashed(Blue, "model", &time, &model);
     let coarse: Vec<f64> = (0..25).map(f64::from).collect();
     let low: Vec<f64> = coarse.iter().map(|t| -3.0 + (0.4 * t).sin()).collect();
     let high: Vec<f64> = coarse.iter().map(|t| 3.0 + (0.4 * t).sin()).collect();
     let scatter = Figure::new("Residual against time", "time / s", "residual / N")
-        .colour(Colour::Grey)
-        .scatter("samples", &time, &residual)
-        .band("± one standard deviation", &coarse, &low, &high)
-        .horizontal("", 0.0);
+        .scatter(Grey, "samples", &time, &residual)
+        .band(Blue, "± one standard deviation", &coarse, &low, &high)
+        .horizontal(Grey, "", 0.0);
     let frequency: Vec<f64> = (0..400).map(|i| 0.2 * 10f64.powf(f64::from(i) / 200.0)).collect();
     let gain = |f0: f64, damping: f64| -> Vec<f64> {
         frequency
@@ -32,10 +31,16 @@ fn main() -> Result<(), report::Error> {
     let bode = Figure::new("Frequency response", "frequency / Hz", "slave over master")
         .log_x()
         .log_y()
-        .line("10 m", &frequency, &gain(8.0, 0.1))
-        .line("1 m", &frequency, &gain(18.0, 0.05))
-        .errors("measured", &[1.0, 2.0, 4.0, 8.0], &[1.0, 1.05, 1.3, 4.6], &[0.1, 0.1, 0.15, 0.8])
-        .vertical("resonance", 8.0);
+        .line(Blue, "10 m", &frequency, &gain(8.0, 0.1))
+        .line(Vermillion, "1 m", &frequency, &gain(18.0, 0.05))
+        .errors(
+            Green,
+            "measured",
+            &[1.0, 2.0, 4.0, 8.0],
+            &[1.0, 1.05, 1.3, 4.6],
+            &[0.1, 0.1, 0.15, 0.8],
+        )
+        .vertical(Grey, "resonance", 8.0);
     Page::new("Specimen of the style")
         .subtitle("Every kind of figure and table, with made-up numbers.")
         .verdict(

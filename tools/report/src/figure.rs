@@ -42,8 +42,6 @@ pub struct Figure {
     pub(crate) x_range: Option<(f64, f64)>,
     pub(crate) y_range: Option<(f64, f64)>,
     pub(crate) series: Vec<Series>,
-    next_colour: usize,
-    forced: Option<Colour>,
 }
 
 impl Figure {
@@ -63,8 +61,6 @@ impl Figure {
             x_range: None,
             y_range: None,
             series: Vec::new(),
-            next_colour: 0,
-            forced: None,
         }
     }
 
@@ -98,65 +94,66 @@ impl Figure {
         self
     }
 
-    /// The colour of the next series (the ones after it go on in the palette's order).
-    pub fn colour(mut self, colour: Colour) -> Self {
-        self.forced = Some(colour);
-        self
-    }
-
     /// A full line; long ones are reduced to their envelope.
-    pub fn line(self, name: impl Into<String>, x: &[f64], y: &[f64]) -> Self {
-        self.push(name.into(), Mark::Line, x, y, &[])
+    pub fn line(self, colour: Colour, name: impl Into<String>, x: &[f64], y: &[f64]) -> Self {
+        self.push((colour, name), Mark::Line, x, y, &[])
     }
 
     /// A dashed line, so that curves differ without colour too.
-    pub fn dashed(self, name: impl Into<String>, x: &[f64], y: &[f64]) -> Self {
-        self.push(name.into(), Mark::Dashed, x, y, &[])
+    pub fn dashed(self, colour: Colour, name: impl Into<String>, x: &[f64], y: &[f64]) -> Self {
+        self.push((colour, name), Mark::Dashed, x, y, &[])
     }
 
     /// Points; thousands of them are thinned to what the eye can tell apart.
-    pub fn scatter(self, name: impl Into<String>, x: &[f64], y: &[f64]) -> Self {
-        self.push(name.into(), Mark::Scatter, x, y, &[])
+    pub fn scatter(self, colour: Colour, name: impl Into<String>, x: &[f64], y: &[f64]) -> Self {
+        self.push((colour, name), Mark::Scatter, x, y, &[])
     }
 
     /// The area between `lower` and `upper`, shaded; broken, as lines are, where a value is not
     /// finite.
-    pub fn band(self, name: impl Into<String>, x: &[f64], lower: &[f64], upper: &[f64]) -> Self {
-        self.push(name.into(), Mark::Band, x, lower, upper)
+    pub fn band(
+        self,
+        colour: Colour,
+        name: impl Into<String>,
+        x: &[f64],
+        lower: &[f64],
+        upper: &[f64],
+    ) -> Self {
+        self.push((colour, name), Mark::Band, x, lower, upper)
     }
 
     /// Points with a bar of `half` above and below.
-    pub fn errors(self, name: impl Into<String>, x: &[f64], y: &[f64], half: &[f64]) -> Self {
-        self.push(name.into(), Mark::Errors, x, y, half)
+    pub fn errors(
+        self,
+        colour: Colour,
+        name: impl Into<String>,
+        x: &[f64],
+        y: &[f64],
+        half: &[f64],
+    ) -> Self {
+        self.push((colour, name), Mark::Errors, x, y, half)
     }
 
     /// A thin line across at one ordinate.
-    pub fn horizontal(self, name: impl Into<String>, at: f64) -> Self {
-        self.push(name.into(), Mark::HorizontalRule, &[], &[at], &[])
+    pub fn horizontal(self, colour: Colour, name: impl Into<String>, at: f64) -> Self {
+        self.push((colour, name), Mark::HorizontalRule, &[], &[at], &[])
     }
 
     /// A thin line upright at one abscissa.
-    pub fn vertical(self, name: impl Into<String>, at: f64) -> Self {
-        self.push(name.into(), Mark::VerticalRule, &[at], &[], &[])
+    pub fn vertical(self, colour: Colour, name: impl Into<String>, at: f64) -> Self {
+        self.push((colour, name), Mark::VerticalRule, &[at], &[], &[])
     }
 
-    fn push(mut self, name: String, mark: Mark, x: &[f64], y: &[f64], upper: &[f64]) -> Self {
-        let colour = self.forced.take().unwrap_or_else(|| {
-            if matches!(mark, Mark::HorizontalRule | Mark::VerticalRule) {
-                return Colour::Grey;
-            }
-            let colour = Colour::ORDER[self.next_colour % Colour::ORDER.len()];
-            self.next_colour += 1;
-            colour
-        });
-        self.series.push(Series {
-            name,
-            mark,
-            colour,
-            x: x.to_vec(),
-            y: y.to_vec(),
-            upper: upper.to_vec(),
-        });
+    fn push(
+        mut self,
+        (colour, name): (Colour, impl Into<String>),
+        mark: Mark,
+        x: &[f64],
+        y: &[f64],
+        upper: &[f64],
+    ) -> Self {
+        let (name, x, y, upper) = (name.into(), x.to_vec(), y.to_vec(), upper.to_vec());
+        self.series.push(Series { name, mark, colour, x, y, upper });
         self
     }
 }

@@ -6,11 +6,11 @@
 //! figures inlined as SVG: it needs no network and no other file, and prints on paper.
 //!
 //! ```
-//! use report::{Figure, Page, Table, Tone};
+//! use report::{Colour, Figure, Page, Table, Tone};
 //! let time: Vec<f64> = (0..5000).map(|i| i as f64 * 1e-3).collect();
 //! let force: Vec<f64> = time.iter().map(|t| (6.28 * t).sin()).collect();
 //! let figure = Figure::new("Force over one second", "time / s", "force / N")
-//!     .line("measured", &time, &force);
+//!     .line(Colour::Blue, "measured", &time, &force);
 //! let page = Page::new("Drive")
 //!     .verdict(Tone::Good, "Nothing is missing.", "The declared model explains the record.")
 //!     .figure(&figure, "Fig. 1. Measured force.")

@@ -49,6 +49,14 @@ impl Table {
         self
     }
 
+    /// Adds rows, each as [`Table::row`] does.
+    pub fn rows<R: IntoIterator<Item: Into<String>>>(
+        self,
+        rows: impl IntoIterator<Item = R>,
+    ) -> Self {
+        rows.into_iter().fold(self, Self::row)
+    }
+
     fn html(&self, caption: &str) -> Result<Markup> {
         if let Some(row) = self.rows.iter().find(|r| r.len() != self.header.len()) {
             let first = row.first().cloned().unwrap_or_default();

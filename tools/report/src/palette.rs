@@ -36,17 +36,6 @@ impl Colour {
         Self::Ramp((255 * index.min(count) / count.saturating_sub(1).max(1)).min(255) as u8)
     }
 
-    /// Order in which series are coloured unless a colour is given.
-    pub(crate) const ORDER: [Self; 7] = [
-        Self::Blue,
-        Self::Vermillion,
-        Self::Green,
-        Self::Purple,
-        Self::Orange,
-        Self::Sky,
-        Self::Black,
-    ];
-
     pub(crate) fn rgb(self) -> RGBColor {
         match self {
             Self::Black => RGBColor(0x22, 0x22, 0x22),

@@ -1,10 +1,15 @@
 //! What a reader's browser gets.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
-use report::{Error, Figure, Page, Panels, Table, Tone};
+use report::{Colour, Error, Figure, Page, Panels, Table, Tone};
 
 fn line() -> Figure {
-    Figure::new("a < b & \"c\"", "time / s", "force / N").line("x", &[0.0, 1.0], &[0.0, 1.0])
+    Figure::new("a < b & \"c\"", "time / s", "force / N").line(
+        Colour::Blue,
+        "x",
+        &[0.0, 1.0],
+        &[0.0, 1.0],
+    )
 }
 
 #[test]
@@ -27,7 +32,7 @@ fn long_series_become_small_drawings_that_keep_their_peak() {
     let x: Vec<f64> = (0..200_000).map(f64::from).collect();
     let mut y: Vec<f64> = x.iter().map(|x| (x * 0.37).sin()).collect();
     y[123_457] = 100.0;
-    let svg = Figure::new("t", "x", "y").line("s", &x, &y).render_svg().unwrap();
+    let svg = Figure::new("t", "x", "y").line(Colour::Blue, "s", &x, &y).render_svg().unwrap();
     assert!(svg.len() < 200_000, "{} bytes", svg.len());
     // The peak alone spans the axis: some polyline point lies near the top of the frame.
     let top = svg
@@ -47,16 +52,24 @@ fn long_series_become_small_drawings_that_keep_their_peak() {
 
 #[test]
 fn broken_input_is_named() {
-    let error =
-        Figure::new("t", "x", "y").line("force", &[0.0, 1.0], &[0.0]).render_svg().unwrap_err();
+    let error = Figure::new("t", "x", "y")
+        .line(Colour::Blue, "force", &[0.0, 1.0], &[0.0])
+        .render_svg()
+        .unwrap_err();
     assert!(
         matches!(&error, Error::Lengths { series, x: 2, y: 1, .. } if series == "force"),
         "{error}"
     );
-    let error = Figure::new("t", "x", "y").line("s", &[f64::NAN], &[1.0]).render_svg().unwrap_err();
+    let error = Figure::new("t", "x", "y")
+        .line(Colour::Blue, "s", &[f64::NAN], &[1.0])
+        .render_svg()
+        .unwrap_err();
     assert!(matches!(error, Error::Empty { .. }));
-    let error =
-        Figure::new("t", "x", "y").log_y().line("s", &[1.0], &[-1.0]).render_svg().unwrap_err();
+    let error = Figure::new("t", "x", "y")
+        .log_y()
+        .line(Colour::Blue, "s", &[1.0], &[-1.0])
+        .render_svg()
+        .unwrap_err();
     assert!(matches!(error, Error::Empty { .. }));
     let table = Table::new(["a", "b"]).row(["1"]);
     let error = Page::new("p").table(table, "").render().unwrap_err();
@@ -67,9 +80,9 @@ fn broken_input_is_named() {
 fn values_that_are_not_finite_break_the_line() {
     let x: Vec<f64> = (0..9).map(f64::from).collect();
     let mut y = x.clone();
-    let whole = Figure::new("", "x", "y").line("", &x, &y).render_svg().unwrap();
+    let whole = Figure::new("", "x", "y").line(Colour::Blue, "", &x, &y).render_svg().unwrap();
     y[4] = f64::NAN;
-    let broken = Figure::new("", "x", "y").line("", &x, &y).render_svg().unwrap();
+    let broken = Figure::new("", "x", "y").line(Colour::Blue, "", &x, &y).render_svg().unwrap();
     let lines = |svg: &str| svg.matches("<polyline").count();
     assert_eq!(lines(&broken), lines(&whole) + 1);
 }
@@ -90,7 +103,7 @@ fn areas(figure: &Figure) -> Vec<Vec<(i32, i32)>> {
 #[test]
 fn values_that_are_not_finite_break_the_shaded_area() {
     let (x, gap) = ([0.0, 1.0, f64::NAN, 3.0, 4.0], [1.0, 2.0, f64::NAN, 1.0, 2.0]);
-    let areas = areas(&Figure::new("", "x", "y").band("", &x, &[0.5; 5], &gap));
+    let areas = areas(&Figure::new("", "x", "y").band(Colour::Blue, "", &x, &[0.5; 5], &gap));
     assert_eq!(areas.len(), 2, "{areas:?}");
     assert!(areas[0].iter().all(|left| areas[1].iter().all(|right| left.0 < right.0)), "{areas:?}");
 }
@@ -98,8 +111,13 @@ fn values_that_are_not_finite_break_the_shaded_area() {
 #[test]
 fn a_shaded_area_that_reaches_below_zero_stays_within_logarithmic_axes() {
     let x = [1.0, 2.0, 3.0];
-    let figure =
-        Figure::new("", "x", "y").log_y().band("", &x, &[0.5, -1.0, 0.5], &[2.0, 2.0, 2.0]);
+    let figure = Figure::new("", "x", "y").log_y().band(
+        Colour::Blue,
+        "",
+        &x,
+        &[0.5, -1.0, 0.5],
+        &[2.0, 2.0, 2.0],
+    );
     let areas = areas(&figure);
     assert_eq!(areas.len(), 1);
     assert!(areas[0].iter().all(|(x, y)| *x > 0 && *y > 0), "{areas:?}");
@@ -108,7 +126,11 @@ fn a_shaded_area_that_reaches_below_zero_stays_within_logarithmic_axes() {
 #[test]
 fn what_lies_outside_a_fixed_range_is_cut_off() {
     let x: Vec<f64> = (0..1000).map(f64::from).collect();
-    let svg = Figure::new("", "x", "y").y_range(-1.0, 1.0).line("", &x, &x).render_svg().unwrap();
+    let svg = Figure::new("", "x", "y")
+        .y_range(-1.0, 1.0)
+        .line(Colour::Blue, "", &x, &x)
+        .render_svg()
+        .unwrap();
     let numbers = svg
         .split("points=\"")
         .skip(1)

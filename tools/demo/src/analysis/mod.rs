@@ -4,13 +4,12 @@
 
 mod declared_model_error;
 mod message_loss;
-mod percentiles;
 mod recorded_messages;
 mod timing;
 
 pub use declared_model_error::{Model, ModelError, model};
 pub use message_loss::{Losses, TopicLoss, losses};
-pub use percentiles::Percentiles;
+pub use operator::status::Percentiles;
 pub use recorded_messages::{Trace, TraceError};
 pub(crate) use recorded_messages::{master, slave};
 pub use timing::{

@@ -102,7 +102,7 @@ pub fn of_loops(timings: &[LoopTiming], time_ns: impl Fn(&LoopTiming) -> [u64; 4
     let mut by_process: BTreeMap<Process, Percentiles> = BTreeMap::new();
     for ((source, _), timing) in last {
         let Some(process) = Process::from_code(source) else { continue };
-        let found = Percentiles::of_loop(time_ns(timing));
+        let found = Percentiles::from(time_ns(timing));
         by_process
             .entry(process)
             .and_modify(|before| *before = before.worst(found))

@@ -1,11 +1,11 @@
 //! Alternative explanations of the measured 8 Hz: each is fitted to it, and predicts the other
 //! published numbers.
 
+use anyhow::Result;
 use plant::effects::Site;
 use rayon::prelude::*;
 
 use super::{Prediction, fit, measured_resonance_hz, near, predict};
-use crate::error::Result;
 use crate::published::{Kind, Published, published};
 use crate::simulated_line::{Added, Line};
 

@@ -1,10 +1,10 @@
 //! The cable's fit over what the thesis leaves open: the movement's amplitude, and the damping.
 
+use anyhow::Result;
 use plant::cable::Parameters;
 use rayon::prelude::*;
 
 use super::{fit_with_peak, measured};
-use crate::error::Result;
 use crate::plots::cable::Cable;
 use crate::simulated_response::cut_off;
 use crate::table_row::{Role, Row};
@@ -63,8 +63,7 @@ pub fn cells(done: impl Fn() + Sync) -> Result<Vec<CableCell>> {
             };
             if let Some((factor, top)) = found {
                 cell.peak_gain = top.gain();
-                cell.cut_off_hz =
-                    top.frequency_hz().map_or(Ok(None), |hz| cut_off(&cable(factor), hz))?;
+                cell.cut_off_hz = cut_off(&cable(factor), top.frequency_hz())?;
             }
             done();
             Ok(cell)

@@ -3,8 +3,8 @@
 
 use super::measured_resonance_hz;
 use super::sensitivity::SweepPoint;
-use crate::error::Result;
 use crate::published::published;
+use anyhow::Result;
 
 /// A statement and the cells that contradict it.
 #[derive(Clone, Debug, PartialEq)]
@@ -13,8 +13,6 @@ pub struct Conclusion {
     pub id: &'static str,
     /// The statement.
     pub statement: String,
-    /// Largest deviation that it allows, %.
-    pub tolerance_percent: Option<f64>,
     /// Names of the cells that contradict it.
     pub against: Vec<String>,
     /// Smallest and largest value over the cells, and its unit.
@@ -95,80 +93,62 @@ const PEAK_PERCENT: f64 = 25.0;
 /// Where a published value is missing from the table.
 pub fn conclusions(cells: &[SweepPoint], nominal_factor: f64) -> Result<Vec<Conclusion>> {
     let resonance = measured_resonance_hz()?;
+    let conclusion = |id, statement, agrees: &dyn Fn(&SweepPoint) -> bool, range| {
+        let against = cells.iter().filter(|cell| !agrees(cell)).map(SweepPoint::name).collect();
+        Conclusion { id, statement, against, range }
+    };
     let mut all = vec![
-        Conclusion {
-            id: "printed_cannot_give_8_hz",
-            statement: format!(
-                "The printed constants cannot give the measured resonance of {resonance} Hz."
-            ),
-            tolerance_percent: Some(PEAK_PERCENT),
-            against: against(cells, |cell| {
+        conclusion(
+            "printed_cannot_give_8_hz",
+            format!("The printed constants cannot give the measured resonance of {resonance} Hz."),
+            &|cell| {
                 cell.printed.peak_hz.is_some_and(|peak| deviation(peak, resonance) > PEAK_PERCENT)
-            }),
-            range: range(cells, |cell| cell.printed.peak_hz, "Hz"),
-        },
-        Conclusion {
-            id: "softer_line_gives_8_hz",
-            statement: format!(
-                "One softening of the line gives the measured resonance of {resonance} Hz."
-            ),
-            tolerance_percent: None,
-            against: against(cells, |cell| cell.factor.is_some()),
-            range: None,
-        },
-        Conclusion {
-            id: "softening_is_fixed",
-            statement: format!(
+            },
+            range(cells, |cell| cell.printed.peak_hz, "Hz"),
+        ),
+        conclusion(
+            "softer_line_gives_8_hz",
+            format!("One softening of the line gives the measured resonance of {resonance} Hz."),
+            &|cell| cell.factor.is_some(),
+            None,
+        ),
+        conclusion(
+            "softening_is_fixed",
+            format!(
                 "The softening is known: its factor is within {FACTOR_PERCENT} % of 1/{:.1} \
                     everywhere.",
                 1.0 / nominal_factor
             ),
-            tolerance_percent: Some(FACTOR_PERCENT),
-            against: against(cells, |cell| {
+            &|cell| {
                 cell.factor
                     .is_some_and(|factor| deviation(factor, nominal_factor) <= FACTOR_PERCENT)
-            }),
-            range: range(cells, |cell| cell.factor.map(|factor| 1.0 / factor), "times softer"),
-        },
-        Conclusion {
-            id: "softer_line_lags_more",
-            statement: "The softened line lags more at 1 Hz than the printed one does.".to_owned(),
-            tolerance_percent: None,
-            against: against(cells, |cell| match (cell.printed.lag_1hz_s, cell.traced.lag_1hz_s) {
-                (Some(printed), Some(traced)) => traced > printed,
-                _ => false,
-            }),
-            range: None,
-        },
+            },
+            range(cells, |cell| cell.factor.map(|factor| 1.0 / factor), "times softer"),
+        ),
+        conclusion(
+            "softer_line_lags_more",
+            "The softened line lags more at 1 Hz than the printed one does.".to_owned(),
+            &|cell| {
+                let lags = cell.printed.lag_1hz_s.zip(cell.traced.lag_1hz_s);
+                lags.is_some_and(|(printed, traced)| traced > printed)
+            },
+            None,
+        ),
     ];
-    for within in &WITHIN {
-        let row = published(within.published)?;
-        all.push(Conclusion {
-            id: within.id,
-            statement: format!(
-                "{} ({}{}, within {} %).",
-                within.what,
-                row.value,
-                if row.unit == "1" { String::new() } else { format!(" {}", row.unit) },
-                within.percent
-            ),
-            tolerance_percent: Some(within.percent),
-            against: against(cells, |cell| {
-                (within.value)(cell)
-                    .is_some_and(|value| deviation(value, row.value) <= within.percent)
-            }),
-            range: range(cells, within.value, row.unit),
-        });
+    for Within { id, what, published: name, percent, value } in WITHIN {
+        let row = published(name)?;
+        let unit = if row.unit == "1" { String::new() } else { format!(" {}", row.unit) };
+        let statement = format!("{what} ({}{unit}, within {percent} %).", row.value);
+        let agrees = |cell: &SweepPoint| {
+            value(cell).is_some_and(|value| deviation(value, row.value) <= percent)
+        };
+        all.push(conclusion(id, statement, &agrees, range(cells, value, row.unit)));
     }
     Ok(all)
 }
 
 fn deviation(value: f64, reference: f64) -> f64 {
     100.0 * (value / reference - 1.0).abs()
-}
-
-fn against(cells: &[SweepPoint], agrees: impl Fn(&SweepPoint) -> bool) -> Vec<String> {
-    cells.iter().filter(|cell| !agrees(cell)).map(SweepPoint::name).collect()
 }
 
 fn range(

@@ -14,14 +14,16 @@ pub mod conclusions;
 pub mod sensitivity;
 pub mod table_rows;
 
+use anyhow::{Context as _, Result};
 use plant::effects::Site;
 use plant::hydrostatic::Parameters;
 use plant::hydrostatic::compliance::Explanations;
 
-use crate::error::{FiguresError, Result};
 use crate::published::published;
 use crate::simulated_line::{Added, Line};
-use crate::simulated_response::{self, Peak, Rig, VANISHED_GAIN};
+use crate::simulated_response::{
+    Peak, Rig, VANISHED_GAIN, at, cut_off, falls_below, logarithmic, peak, root, sound, sweep,
+};
 
 /// Frequencies between which the printed line's resonance is looked for, Hz.
 const PRINTED_RANGE_HZ: (f64, f64) = (4.0, 60.0);
@@ -80,15 +82,15 @@ fn measured(id: &'static str) -> Result<f64> {
 /// # Errors
 /// Where a constant or an effect is out of range.
 pub fn predict_response(line: &Line, (low, high): (f64, f64)) -> Result<Prediction> {
-    let peak = simulated_response::peak(line, low, high)?;
-    let slow = simulated_response::at(line, 1.0)?;
-    let sound = |value: f64| simulated_response::sound(&slow).then_some(value);
+    let peak = peak(line, low, high)?;
+    let slow = at(line, 1.0)?;
+    let if_sound = |value: f64| sound(&slow).then_some(value);
     Ok(Prediction {
         peak_hz: peak.frequency_hz(),
         peak_gain: peak.gain(),
-        cut_off_hz: after(line, peak, simulated_response::CUT_OFF_GAIN)?,
-        lag_1hz_s: sound(slow.lag_s()),
-        low_frequency_gain: sound(slow.gain),
+        cut_off_hz: cut_off(line, peak.frequency_hz())?,
+        lag_1hz_s: if_sound(slow.lag_s()),
+        low_frequency_gain: if_sound(slow.gain),
         ..Prediction::default()
     })
 }
@@ -101,10 +103,10 @@ pub fn predict_response(line: &Line, (low, high): (f64, f64)) -> Result<Predicti
 /// Where a constant or an effect is out of range.
 pub fn predict(line: &Line, (low, high): (f64, f64)) -> Result<Prediction> {
     let short = line.clone().with_length(SHORT_M);
-    let peak = simulated_response::peak(&short, low, 10.0 * high)?;
+    let peak = peak(&short, low, 10.0 * high)?;
     Ok(Prediction {
         short_peak_hz: peak.frequency_hz(),
-        short_cut_off_hz: after(&short, peak, simulated_response::CUT_OFF_GAIN)?,
+        short_cut_off_hz: cut_off(&short, peak.frequency_hz())?,
         ..predict_response(line, (low, high))?
     })
 }
@@ -112,23 +114,9 @@ pub fn predict(line: &Line, (low, high): (f64, f64)) -> Result<Prediction> {
 /// [`predict`], and what happens at the ends of fig. 3.4.
 fn predict_widely(line: &Line, range: (f64, f64)) -> Result<Prediction> {
     let prediction = predict(line, range)?;
-    let slowest = simulated_response::at(line, LOW_HZ)?;
-    let vanishing_hz = match prediction.peak_hz {
-        Some(peak) => {
-            simulated_response::falls_below(line, peak, VANISHED_GAIN, |response| response.gain)?
-        }
-        None => None,
-    };
+    let slowest = at(line, LOW_HZ)?;
+    let vanishing_hz = falls_below(line, prediction.peak_hz, VANISHED_GAIN, |r| r.gain)?;
     Ok(Prediction { slowest_gain: Some(slowest.gain), vanishing_hz, ..prediction })
-}
-
-fn after(line: &Line, peak: Peak, level: f64) -> Result<Option<f64>> {
-    match peak.frequency_hz() {
-        Some(peak_hz) => {
-            simulated_response::falls_below(line, peak_hz, level, |response| response.gain)
-        }
-        None => Ok(None),
-    }
 }
 
 /// Where the peak of a line that was fitted to `target_hz` is looked for, Hz.
@@ -180,8 +168,7 @@ pub fn fit_with_peak<R: Rig>(
         Peak::Above => target_hz,
         Peak::Diverged => f64::NAN,
     };
-    let top =
-        |logarithm: f64, (low, high)| simulated_response::peak(&rig(size(logarithm)), low, high);
+    let top = |logarithm: f64, (low, high)| peak(&rig(size(logarithm)), low, high);
     let miss = |logarithm: f64| top(logarithm, near(target_hz)).map(|peak| off(&peak));
     let (start, end) = (harmless.ln(), strongest.ln());
     let mut last = (start, miss(start)?);
@@ -190,7 +177,7 @@ pub fn fit_with_peak<R: Rig>(
         let next = (at, miss(at)?);
         if last.1 * next.1 <= 0.0 {
             // The ends are known already.
-            let found = simulated_response::root(last.0, next.0, 5e-3, |at| match at {
+            let found = root(last.0, next.0, 5e-3, |at| match at {
                 _ if at == last.0 => Ok(last.1),
                 _ if at == next.0 => Ok(next.1),
                 _ => top(at, close(target_hz)).map(|peak| off(&peak)),
@@ -239,26 +226,27 @@ impl Calibration {
 /// Fits the softening to the measured resonance alone and predicts the rest.
 ///
 /// # Errors
-/// [`FiguresError::NoPeak`] where no softening gives it.
+/// Where no softening gives it.
 pub fn calibrate() -> Result<Calibration> {
     let target = measured_resonance_hz()?;
     let printed = Line::printed();
-    let factor = fit_softening(&printed, target)?.ok_or_else(|| FiguresError::NoPeak {
-        what: "the line, softened".to_owned(),
-        low: 0.5 * target,
-        high: 2.0 * target,
+    let factor = fit_softening(&printed, target)?.with_context(|| {
+        let (low, high) = near(target);
+        format!(
+            "the line, softened: no peak between {low} and {high} Hz; widen the range or change \
+                the constants"
+        )
     })?;
     let line = printed.clone().softened(factor);
-    let frequencies = simulated_response::logarithmic(LOW_HZ, HIGH_HZ, 12);
+    let frequencies = logarithmic(LOW_HZ, HIGH_HZ, 12);
     let compliance = Added {
         id: "line_compliance",
         site: Site::Line,
         size: 1.0 / factor - 1.0,
         more: Vec::new(),
     };
-    let softer = simulated_response::sweep(&printed.clone().with(compliance), &frequencies)?;
-    let misprinted =
-        simulated_response::sweep(&printed.clone().with_bulk_modulus(factor), &frequencies)?;
+    let softer = sweep(&printed.clone().with(compliance), &frequencies)?;
+    let misprinted = sweep(&printed.clone().with_bulk_modulus(factor), &frequencies)?;
     let misprint_difference =
         softer.iter().zip(&misprinted).map(|(a, b)| (a.gain - b.gain).abs()).fold(0.0, f64::max);
     Ok(Calibration {

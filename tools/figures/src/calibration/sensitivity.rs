@@ -1,13 +1,13 @@
 //! Sensitivity study: the calibration repeated over what the thesis does not print, the movement's
 //! amplitude and the level of friction.
 
+use anyhow::Result;
 use rayon::prelude::*;
 
 use super::{
     PRINTED_RANGE_HZ, Prediction, fit_softening, measured_resonance_hz, near, predict,
     predict_response,
 };
-use crate::error::Result;
 use crate::simulated_line::{Line, MEASURED_FRICTION_NM};
 
 /// Amplitudes of the master's sine (degrees). The thesis prints none.

@@ -6,8 +6,8 @@ use super::Calibration;
 use super::alternatives::Alternative;
 use super::conclusions::Conclusion;
 use super::sensitivity::SweepPoint;
-use crate::error::Result;
 use crate::table_row::{Role, Row};
+use anyhow::Result;
 
 /// Figure to which these rows belong: the measured response.
 const FIGURE: &str = "5.7";

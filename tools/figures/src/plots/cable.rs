@@ -3,16 +3,16 @@
 //! The cable's own softening is declared in `plant::cable::Parameters::traced` (`docs/errata.md`),
 //! not fitted here.
 
+use anyhow::Result;
 use plant::cable::{Element, Parameters, Plant};
-use report::{Colour, Figure, Panels};
+use report::Colour::{Black, Blue, Sky, Vermillion};
+use report::{Figure, Panels};
 
-use super::curve::{Curve, bode};
-use super::style::axes;
-use super::{Common, Plot, columns};
-use crate::error::Result;
-use crate::published::published;
+use super::curve::{Curve, bode, measured_points};
+use super::style::{axes, curve};
+use super::{Common, Plot, over_cycle};
 use crate::quasi_static::{QuasiStaticCycle, quasi_static_cycle};
-use crate::simulated_response::{CUT_OFF_GAIN, Rig, at, cut_off, cycle, logarithmic, peak, sweep};
+use crate::simulated_response::{Rig, at, cut_off, cycle, logarithmic, peak, sweep};
 use crate::table_row::{Role, Row};
 
 /// Amplitude of the slave where the cables are rigid, degrees: the hydrostatic master's. None is
@@ -71,17 +71,11 @@ pub fn extension(_: &Common) -> Result<Plot> {
         let (extension, force) = stretch(&mut used, path().map(|extension| start + extension));
         let extension: Vec<f64> = extension.iter().map(|x| x - 1e3 * start).collect();
         let slope = slope_n_per_m(&extension, &force);
-        let fitted: Vec<f64> = {
-            let at = |x: f64| slope.0 + slope.1 * x * 1e-3;
-            extension.iter().map(|x| at(*x)).collect()
-        };
+        let fitted: Vec<f64> = extension.iter().map(|x| slope.0 + slope.1 * x * 1e-3).collect();
         let figure = axes(title, "extension / mm", "force / N")
-            .colour(Colour::Blue)
-            .line("used cable", &extension, &force)
-            .colour(Colour::Sky)
-            .line("new cable", &extension, &first)
-            .colour(Colour::Black)
-            .dashed("line through 0.02 to 1.0 mm", &extension, &fitted);
+            .line(Blue, "used cable", &extension, &force)
+            .line(Sky, "new cable", &extension, &first)
+            .dashed(Black, "line through 0.02 to 1.0 mm", &extension, &fitted);
         (figure, slope.1)
     };
     let (printed, printed_slope) = panel("Printed stiffness", &Parameters::printed());
@@ -147,10 +141,9 @@ pub fn loops(_: &Common) -> Result<Plot> {
                 x.push(1e3 * extension);
             }
             // Dashed, since both unloadings lie on one another.
-            figure = if turn == 0 {
-                figure.colour(Colour::Blue).line("first", &x, &f)
-            } else {
-                figure.colour(Colour::Vermillion).dashed("second", &x, &f)
+            figure = match turn {
+                0 => figure.line(Blue, "first", &x, &f),
+                _ => figure.dashed(Vermillion, "second", &x, &f),
             };
         }
         ratios[index] = slopes[1] / slopes[0];
@@ -178,11 +171,8 @@ pub fn static_friction(common: &Common) -> Result<Plot> {
     let traced = quasi_static_cycle(&Cable::new(Parameters::traced()))?;
     let printed = quasi_static_cycle(&Cable::new(Parameters::printed()))?;
     let panel = |title: &str, slow: &QuasiStaticCycle| {
-        axes(title, "slave position / °", "motor torque / (N·m)").colour(Colour::Blue).line(
-            "",
-            &slow.position_deg,
-            &slow.torque_nm,
-        )
+        let (x_label, y_label) = ("slave position / °", "motor torque / (N·m)");
+        curve(title, x_label, y_label, &slow.position_deg, &slow.torque_nm)
     };
     let panels = Panels::new("Fig. 5.5, static friction over position")
         .panel(panel("A  Hydrostatic line, traced", &hydrostatic))
@@ -219,10 +209,8 @@ pub fn pretension(_: &Common) -> Result<Plot> {
     let panels = Panels::new("Fig. 5.6, friction over pretension").panel(
         axes("", "pretension of a cable / N", "static friction at the motor / (N·m)")
             .y_range(0.0, 0.9)
-            .colour(Colour::Blue)
-            .line("model", &tension, &friction)
-            .colour(Colour::Black)
-            .scatter("declared", &[declared], &[at(declared)]),
+            .line(Blue, "model", &tension, &friction)
+            .scatter(Black, "declared", &[declared], &[at(declared)]),
     );
     let caption = "Breakaway torque at the motor against the cables' tension: it grows with \
         tension and settles, as measured. The law's limit is set from § 5.2.2's friction; the \
@@ -250,19 +238,15 @@ pub fn response() -> Result<([Figure; 2], Vec<Row>)> {
     let few = logarithmic(0.5, CLOSE_HZ.1, 28);
     let (printed, traced) = (Cable::new(Parameters::printed()), Cable::new(Parameters::traced()));
     let curves = [
-        Curve::simulated("printed constants", Colour::Vermillion, false, &sweep(&printed, &few)?),
-        Curve::simulated("traced cable", Colour::Blue, false, &sweep(&traced, &frequencies)?),
+        Curve::simulated("printed constants", Vermillion, &sweep(&printed, &few)?),
+        Curve::simulated("traced cable", Blue, &sweep(&traced, &frequencies)?),
     ];
     let peaks = [peak(&printed, 10.0, 120.0)?, peak(&traced, 3.0, 20.0)?];
     let frequency = peaks.map(|peak| peak.frequency_hz());
-    let cut = |rig: &Cable, peak: Option<f64>| peak.map_or(Ok(None), |peak| cut_off(rig, peak));
-    let cuts = [cut(&printed, frequency[0])?, cut(&traced, frequency[1])?];
+    let cuts = [cut_off(&printed, frequency[0])?, cut_off(&traced, frequency[1])?];
     let lags = [at(&printed, 1.0)?.lag_s(), at(&traced, 1.0)?.lag_s()];
     let [gain, phase] = bode("B  Cable", &curves, (0.2, 15.0), (0.5, 12.0), -220.0);
-    let gain = gain
-        .vertical("measured resonance", published("cable.resonance_hz")?.value)
-        .colour(Colour::Black)
-        .scatter("measured cut-off", &[published("cable.cutoff_hz")?.value], &[CUT_OFF_GAIN]);
+    let gain = measured_points(gain, "cable.resonance_hz", "cable.cutoff_hz")?;
     let p = Parameters::printed();
     let mut rows = vec![
         Row::beside("cable.resonance_hz", Role::Fitted, frequency)?.note(
@@ -302,18 +286,10 @@ pub fn movement(common: &Common) -> Result<Plot> {
         cycle(&crate::simulated_line::Line::printed(), 1.0)?.flat_top_s(),
         cycle(&Cable::new(Parameters::printed()), 1.0)?.flat_top_s(),
     ];
-    let panel = |title: &str, cycle: &crate::simulated_response::Cycle, ratio: f64| {
-        let [time, master, slave] = columns(cycle);
-        let master: Vec<f64> = master.iter().map(|angle| angle / ratio).collect();
-        axes(title, "time / s", "position / °")
-            .colour(Colour::Black)
-            .line(if ratio > 1.0 { "master / 6" } else { "master" }, &time, &master)
-            .colour(Colour::Vermillion)
-            .dashed("slave", &time, &slave)
-    };
+    let ratio = Parameters::traced().mechanical_ratio;
     let panels = Panels::new("Fig. 5.8, both transmissions at 1 Hz")
-        .panel(panel("A  Hydrostatic line, traced", &hydrostatic, 1.0))
-        .panel(panel("B  Cable, traced", &cable, Parameters::traced().mechanical_ratio));
+        .panel(over_cycle("A  Hydrostatic line, traced", &hydrostatic, ("master", 1.0)))
+        .panel(over_cycle("B  Cable, traced", &cable, ("master / 6", ratio)));
     let flat_tops = [hydrostatic.flat_top_s(), cable.flat_top_s()];
     let row = |name: &str, index: usize| {
         let ours = [Some(printed[index]), Some(flat_tops[index])];

@@ -1,9 +1,12 @@
 //! Curves of a frequency response, and the two panels that show them.
 
+use anyhow::Result;
 use plant::response::{LinearSystem, Response};
+use report::Colour::{Black, Grey};
 use report::{Colour, Figure};
 
 use super::style::{gain, phase};
+use crate::published::published;
 use crate::simulated_response::CUT_OFF_GAIN;
 
 /// Below this gain the slave stands still, and a phase means nothing.
@@ -20,18 +23,13 @@ pub(super) struct Curve {
 }
 
 impl Curve {
-    pub(super) fn simulated(
-        name: &str,
-        colour: Colour,
-        dashed: bool,
-        responses: &[Response],
-    ) -> Self {
+    pub(super) fn simulated(name: &str, colour: Colour, responses: &[Response]) -> Self {
         let moving =
             |value: f64, response: &Response| if response.gain < STILL { f64::NAN } else { value };
         Self {
             name: name.to_owned(),
             colour,
-            dashed,
+            dashed: false,
             frequency: responses.iter().map(|r| r.frequency_hz).collect(),
             gain: responses.iter().map(|r| r.gain.max(1e-9)).collect(),
             phase: responses.iter().map(|r| moving(r.phase_rad.to_degrees(), r)).collect(),
@@ -61,12 +59,8 @@ impl Curve {
 }
 
 fn put(figure: Figure, curve: &Curve, values: &[f64]) -> Figure {
-    let figure = figure.colour(curve.colour);
-    if curve.dashed {
-        figure.dashed(&curve.name, &curve.frequency, values)
-    } else {
-        figure.line(&curve.name, &curve.frequency, values)
-    }
+    let add = if curve.dashed { Figure::dashed } else { Figure::line };
+    add(figure, curve.colour, &curve.name, &curve.frequency, values)
 }
 
 /// Gain and phase panels of some curves.
@@ -84,5 +78,20 @@ pub(super) fn bode(
         gains = put(gains, curve, &curve.gain);
         phases = put(phases, curve, &curve.phase);
     }
-    [gains.horizontal("", CUT_OFF_GAIN), phases]
+    [gains.horizontal(Grey, "", CUT_OFF_GAIN), phases]
+}
+
+/// Adds a measured resonance, as a line, and a measured cut-off, as a point, to a gain panel.
+pub(super) fn measured_points(
+    gain: Figure,
+    resonance: &'static str,
+    cut_off: &'static str,
+) -> Result<Figure> {
+    let (resonance_hz, cut_off_hz) = (published(resonance)?.value, published(cut_off)?.value);
+    Ok(gain.vertical(Grey, "measured resonance", resonance_hz).scatter(
+        Black,
+        "measured cut-off",
+        &[cut_off_hz],
+        &[CUT_OFF_GAIN],
+    ))
 }

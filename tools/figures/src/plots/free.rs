@@ -1,15 +1,15 @@
 //! Fig. 4.2's control at work: the torque that a hand must spend to move the handle freely, on the
 //! lock-step rig.
 
+use anyhow::Result;
 use lock_step::free::{HandEffort, HandleControl, Swing, TURN_S, swing};
-use lock_step::ilc::IlcError;
 use rayon::prelude::*;
-use report::{Colour, Figure, Panels};
+use report::Colour::{Black, Vermillion};
+use report::{Figure, Panels};
 use rig::RigFile;
 
 use super::style::{axes, tall};
 use super::{Common, Plot};
-use crate::error::Result;
 use crate::learning::rigs;
 use crate::table_row::{Role, Row, short};
 
@@ -68,8 +68,7 @@ const CASES: [Case; 5] = [
 type Pair = [HandEffort; 2];
 
 fn pair(rig: &RigFile, movement: &Swing) -> Result<Pair> {
-    let one = |control| swing(rig, control, movement).map_err(IlcError::from);
-    Ok([one(HandleControl::Off)?, one(HandleControl::Force)?])
+    Ok([swing(rig, HandleControl::Off, movement)?, swing(rig, HandleControl::Force, movement)?])
 }
 
 fn case(rig: &RigFile, case: &Case, hertz: f64) -> Result<Pair> {
@@ -266,14 +265,10 @@ fn over_frequency(title: &str, pairs: [&[Pair]; 2], read: fn(&HandEffort) -> f64
     let [printed, traced] = pairs;
     tall(title, "frequency / Hz", "torque / (N·m)")
         .x_range(0.0, 3.2)
-        .colour(Colour::Black)
-        .line("motor at 0 V", &HERTZ, &of(traced, 0))
-        .colour(Colour::Vermillion)
-        .line("force control", &HERTZ, &of(traced, 1))
-        .colour(Colour::Black)
-        .dashed("motor at 0 V, printed constants", &HERTZ, &of(printed, 0))
-        .colour(Colour::Vermillion)
-        .dashed("force control, printed constants", &HERTZ, &of(printed, 1))
+        .line(Black, "motor at 0 V", &HERTZ, &of(traced, 0))
+        .line(Vermillion, "force control", &HERTZ, &of(traced, 1))
+        .dashed(Black, "motor at 0 V, printed constants", &HERTZ, &of(printed, 0))
+        .dashed(Vermillion, "force control, printed constants", &HERTZ, &of(printed, 1))
 }
 
 fn cycle(title: &str, pair: &Pair) -> Figure {
@@ -283,8 +278,6 @@ fn cycle(title: &str, pair: &Pair) -> Figure {
     let [dead, free] = pair;
     let ((dead_s, dead), (free_s, free)) = (columns(dead), columns(free));
     axes(title, "time / s", "torque of the hand / (N·m)")
-        .colour(Colour::Black)
-        .line("motor at 0 V", &dead_s, &dead)
-        .colour(Colour::Vermillion)
-        .line("force control", &free_s, &free)
+        .line(Black, "motor at 0 V", &dead_s, &dead)
+        .line(Vermillion, "force control", &free_s, &free)
 }

@@ -1,11 +1,11 @@
 //! Fig. 3.2: the friction laws.
 
+use anyhow::Result;
 use plant::hydrostatic::Parameters;
-use report::{Colour, Panels};
+use report::Panels;
 
-use super::style::axes;
+use super::style::curve;
 use super::{Common, Plot};
-use crate::error::Result;
 use crate::published::published;
 use crate::quasi_static::quasi_static_cycle;
 use crate::simulated_line::Line;
@@ -34,10 +34,9 @@ pub fn laws(common: &Common) -> Result<Plot> {
         }
         points.into_iter().unzip()
     };
-    let (motor_speed, motor) =
-        law(&|speed| printed.motor_coulomb_nm + printed.motor_viscous_nm_s * speed.abs());
-    let (piston_speed, piston) = law(&|speed| 1e3 * printed.master_piston_friction().level(speed));
-    let (slave_speed, slave) = law(&|speed| printed.slave_friction().level(speed));
+    let motor = law(&|speed| printed.motor_coulomb_nm + printed.motor_viscous_nm_s * speed.abs());
+    let piston = law(&|speed| 1e3 * printed.master_piston_friction().level(speed));
+    let slave = law(&|speed| printed.slave_friction().level(speed));
 
     const MEASURED: [&str; 2] = [
         "hydrostatic.static_friction_measured.positive_nm",
@@ -47,23 +46,15 @@ pub fn laws(common: &Common) -> Result<Plot> {
     let at_motor = printed.static_friction_at_motor_nm();
     let slow_printed = quasi_static_cycle(&Line::printed())?.mean_nm;
     let slow_traced = quasi_static_cycle(&common.calibration.line)?.mean_nm;
+    let panel = |title: &str, side: &str, unit: &str, (speed, friction): &(Vec<f64>, Vec<f64>)| {
+        let (x_label, y_label) =
+            (format!("{side} speed / (rad/s)"), format!("friction / ({unit})"));
+        curve(title, &x_label, &y_label, speed, friction)
+    };
     let panels = Panels::new("Fig. 3.2, friction laws")
-        .panel(
-            axes("A  Motor", "master speed / (rad/s)", "friction / (N·m)")
-                .y_range(-1.0, 1.0)
-                .colour(Colour::Blue)
-                .line("", &motor_speed, &motor),
-        )
-        .panel(
-            axes("B  Slave", "slave speed / (rad/s)", "friction / (N·m)")
-                .colour(Colour::Blue)
-                .line("", &slave_speed, &slave),
-        )
-        .panel(
-            axes("B  Master piston, on its pulley", "master speed / (rad/s)", "friction / (mN·m)")
-                .colour(Colour::Blue)
-                .line("", &piston_speed, &piston),
-        );
+        .panel(panel("A  Motor", "master", "N·m", &motor).y_range(-1.0, 1.0))
+        .panel(panel("B  Slave", "slave", "N·m", &slave))
+        .panel(panel("B  Master piston, on its pulley", "master", "mN·m", &piston));
     let caption = format!(
         "Friction against speed as § 3.2.1 prints it, with the sign of speed that the print leaves \
             out. Friction at rest takes any value up to the jump at zero. The master piston's is a \

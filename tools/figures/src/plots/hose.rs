@@ -1,11 +1,13 @@
 //! Fig. 3.5 and 3.6: another hose. Its diameter, its length.
 
+use std::f64::consts::FRAC_PI_2;
+
+use anyhow::Result;
 use rayon::prelude::*;
 use report::{Colour, Figure, Panels};
 
 use super::style::{gain, phase, tall};
 use super::{Common, Plot};
-use crate::error::Result;
 use crate::simulated_line::Line;
 use crate::simulated_response::{Cycle, cycle, falls_below, logarithmic, peak};
 use crate::table_row::Row;
@@ -38,12 +40,8 @@ impl Hose {
         let peak_hz = peak(line, 1.5, 300.0)?.frequency_hz();
         // Friction alone turns the phase at low frequencies, so the search begins not far below the
         // peak.
-        let quarter_turn_hz = match peak_hz {
-            Some(peak_hz) => {
-                falls_below(line, 0.6 * peak_hz, -std::f64::consts::FRAC_PI_2, |r| r.phase_rad)?
-            }
-            None => None,
-        };
+        let quarter_turn_hz =
+            falls_below(line, peak_hz.map(|peak| 0.6 * peak), -FRAC_PI_2, |r| r.phase_rad)?;
         Ok(Self { name, id, cycles, peak_hz, quarter_turn_hz })
     }
 
@@ -112,7 +110,7 @@ fn study(
     let draw = |mut figure: Figure, value: &dyn Fn(&Cycle) -> f64| {
         for (index, hose) in traced.iter().enumerate() {
             let colour = Colour::ramp(index, traced.len());
-            figure = figure.colour(colour).line(&hose.name, &frequencies, &hose.column(value));
+            figure = figure.line(colour, &hose.name, &frequencies, &hose.column(value));
         }
         figure.x_range(RANGE_HZ.0, RANGE_HZ.1)
     };

@@ -1,12 +1,13 @@
 //! Fig. 4.5 to 4.7: iterative learning on the lock-step rig.
 
+use anyhow::{Context as _, Result};
 use lock_step::guided::Quality;
 use lock_step::ilc::{HARMONICS, IlcTask, PUBLISHED, Trace};
-use report::{Colour, Figure, Panels};
+use report::Colour::{Black, Blue, Grey, Sky, Vermillion};
+use report::{Figure, Panels};
 
 use super::style::{axes, tall};
 use super::{Common, Plot, degrees};
-use crate::error::Result;
 use crate::learning::{BLOCKS, Course, GOAL_DEG, Learning, MIDDLE};
 use crate::table_row::{Role, Row, short};
 
@@ -41,10 +42,18 @@ pub fn monotonicity(common: &Common) -> Result<Plot> {
         let cycle = &course.cycles[1];
         let within = cycle.time_s.iter().take_while(|time_s| **time_s <= until_s).count();
         axes(title, "time / s", "velocity / (°/s)")
-            .colour(Colour::Black)
-            .line("master", &cycle.time_s[..within], &degrees(&cycle.master_velocity)[..within])
-            .colour(Colour::Vermillion)
-            .dashed("slave", &cycle.time_s[..within], &degrees(&cycle.slave_velocity)[..within])
+            .line(
+                Black,
+                "master",
+                &cycle.time_s[..within],
+                &degrees(&cycle.master_velocity)[..within],
+            )
+            .dashed(
+                Vermillion,
+                "slave",
+                &cycle.time_s[..within],
+                &degrees(&cycle.slave_velocity)[..within],
+            )
     };
     let [printed, traced] = &common.learning.published;
     let standing = standing_deg_s(&task());
@@ -129,25 +138,20 @@ const WITH_FEEDFORWARD: &str = "feedforward_30deg";
 /// # Errors
 /// None; the type is that of all figures.
 pub fn before_and_after(common: &Common) -> Result<Plot> {
-    let Some(course) = common.learning.case(WITH_FEEDFORWARD).map(|case| &case.published) else {
-        return Err(crate::error::FiguresError::Missing(WITH_FEEDFORWARD));
-    };
+    let case = common.learning.case(WITH_FEEDFORWARD).with_context(|| {
+        format!("no case `{WITH_FEEDFORWARD}` in the learning study; fig. 4.7 must name one of it")
+    })?;
+    let course = &case.published;
     let [before, _, after] = &course.cycles;
     let quality = [before, after].map(Quality::of);
     let slave = tall("A  Slave", "time / s", "position / °")
-        .colour(Colour::Black)
-        .dashed("desired", &after.time_s, &degrees(&after.desired))
-        .colour(Colour::Grey)
-        .line("before learning", &before.time_s, &degrees(&before.slave))
-        .colour(Colour::Vermillion)
-        .line("after learning", &after.time_s, &degrees(&after.slave));
+        .dashed(Black, "desired", &after.time_s, &degrees(&after.desired))
+        .line(Grey, "before learning", &before.time_s, &degrees(&before.slave))
+        .line(Vermillion, "after learning", &after.time_s, &degrees(&after.slave));
     let master = tall("B  Master", "time / s", "position / °")
-        .colour(Colour::Black)
-        .dashed("desired of the slave", &after.time_s, &degrees(&after.desired))
-        .colour(Colour::Grey)
-        .line("before learning", &before.time_s, &degrees(&before.master))
-        .colour(Colour::Blue)
-        .line("after learning", &after.time_s, &degrees(&after.master));
+        .dashed(Black, "desired of the slave", &after.time_s, &degrees(&after.desired))
+        .line(Grey, "before learning", &before.time_s, &degrees(&before.master))
+        .line(Blue, "after learning", &after.time_s, &degrees(&after.master));
     let panels =
         Panels::new("Fig. 4.7, movement before and after learning").panel(slave).panel(master);
     let of =
@@ -195,25 +199,23 @@ pub fn before_and_after(common: &Common) -> Result<Plot> {
 fn slave(course: &Course) -> Figure {
     let [before, middle, after] = &course.cycles;
     tall("A  Slave", "time / s", "position / °")
-        .colour(Colour::Black)
-        .dashed("desired", &after.time_s, &degrees(&after.desired))
-        .colour(Colour::Grey)
-        .line("block 1", &before.time_s, &degrees(&before.slave))
-        .colour(Colour::Sky)
-        .line(format!("block {MIDDLE}"), &middle.time_s, &degrees(&middle.slave))
-        .colour(Colour::Vermillion)
-        .line(format!("block {BLOCKS}"), &after.time_s, &degrees(&after.slave))
+        .dashed(Black, "desired", &after.time_s, &degrees(&after.desired))
+        .line(Grey, "block 1", &before.time_s, &degrees(&before.slave))
+        .line(Sky, format!("block {MIDDLE}"), &middle.time_s, &degrees(&middle.slave))
+        .line(Vermillion, format!("block {BLOCKS}"), &after.time_s, &degrees(&after.slave))
 }
 
 fn master(course: &Course) -> Figure {
     let [before, _, after] = &course.cycles;
     tall("A  Master", "time / s", "position / °")
-        .colour(Colour::Black)
-        .dashed("reference, block 1", &before.time_s, &degrees(&before.reference))
-        .colour(Colour::Blue)
-        .dashed(format!("reference, block {BLOCKS}"), &after.time_s, &degrees(&after.reference))
-        .colour(Colour::Blue)
-        .line(format!("master, block {BLOCKS}"), &after.time_s, &degrees(&after.master))
+        .dashed(Black, "reference, block 1", &before.time_s, &degrees(&before.reference))
+        .dashed(
+            Blue,
+            format!("reference, block {BLOCKS}"),
+            &after.time_s,
+            &degrees(&after.reference),
+        )
+        .line(Blue, format!("master, block {BLOCKS}"), &after.time_s, &degrees(&after.master))
 }
 
 fn errors(learning: &Learning) -> Figure {
@@ -225,13 +227,15 @@ fn errors(learning: &Learning) -> Figure {
     tall("B  Error of the slave", "block of 3 s", "mean magnitude / °")
         .x_range(0.0, 90.0)
         .y_range(0.0, 14.0)
-        .colour(Colour::Vermillion)
-        .line("published law", &numbers(traced), &traced.errors_deg)
-        .colour(Colour::Blue)
-        .line("model-based law", &numbers(by_model), &by_model.errors_deg)
-        .colour(Colour::Vermillion)
-        .dashed("published law, printed constants", &numbers(printed), &printed.errors_deg)
-        .horizontal("1°", GOAL_DEG)
+        .line(Vermillion, "published law", &numbers(traced), &traced.errors_deg)
+        .line(Blue, "model-based law", &numbers(by_model), &by_model.errors_deg)
+        .dashed(
+            Vermillion,
+            "published law, printed constants",
+            &numbers(printed),
+            &printed.errors_deg,
+        )
+        .horizontal(Grey, "1°", GOAL_DEG)
 }
 
 fn rows(

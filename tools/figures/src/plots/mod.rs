@@ -11,11 +11,12 @@ pub mod response;
 pub mod sines;
 mod style;
 
+use anyhow::Result;
 use plant::response::LinearSystem;
-use report::Panels;
+use report::Colour::{Black, Vermillion};
+use report::{Figure, Panels};
 
 use crate::calibration::Calibration;
-use crate::error::Result;
 use crate::guided::Guided;
 use crate::learning::Learning;
 use crate::simulated_response::Cycle;
@@ -65,6 +66,15 @@ fn columns(cycle: &Cycle) -> [Vec<f64>; 3] {
         of(|motion| motion.master_position_rad.to_degrees()),
         of(|motion| motion.slave_position_rad.to_degrees()),
     ]
+}
+
+/// Master, over a ratio, and slave along one settled cycle.
+fn over_cycle(title: &str, cycle: &Cycle, (name, ratio): (&str, f64)) -> Figure {
+    let [time, master, slave] = columns(cycle);
+    let master: Vec<f64> = master.iter().map(|angle| angle / ratio).collect();
+    style::axes(title, "time / s", "position / °")
+        .line(Black, name, &time, &master)
+        .dashed(Vermillion, "slave", &time, &slave)
 }
 
 /// Angles in degrees.

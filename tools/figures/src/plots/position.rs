@@ -1,12 +1,13 @@
 //! Fig. 4.1 and 4.3: position control on the lock-step rig.
 
+use anyhow::Result;
 use control::law::force::offset_v;
 use lock_step::ilc::Trace;
-use report::{Colour, Figure, Panels};
+use report::Colour::{Black, Blue, Grey, Vermillion};
+use report::{Figure, Panels};
 
 use super::style::{axes, tall};
 use super::{Common, Plot, degrees};
-use crate::error::Result;
 use crate::guided::{AMPLITUDE_DEG, FIGURE_HZ, Guided, LawKind};
 use crate::learning::rigs;
 use crate::table_row::{Row, short};
@@ -29,12 +30,9 @@ pub fn movement(common: &Common) -> Result<Plot> {
         let trace = movement_of(guided, LawKind::Printed, hertz, 1.0);
         tall(title, "time / s", "position / °")
             .y_range(-60.0, 60.0)
-            .colour(Colour::Grey)
-            .dashed("desired", &trace.time_s, &degrees(&trace.desired))
-            .colour(Colour::Black)
-            .line("master", &trace.time_s, &degrees(&trace.master))
-            .colour(Colour::Vermillion)
-            .line("slave", &trace.time_s, &degrees(&trace.slave))
+            .dashed(Grey, "desired", &trace.time_s, &degrees(&trace.desired))
+            .line(Black, "master", &trace.time_s, &degrees(&trace.master))
+            .line(Vermillion, "slave", &trace.time_s, &degrees(&trace.slave))
     };
     let panels = Panels::new("Fig. 4.1, movement under position control")
         .panel(panel("A  0.2 Hz", 0.2))
@@ -86,12 +84,9 @@ pub fn feedforward(common: &Common) -> Result<Plot> {
         .map(|desired| -omega * omega * desired * control.feedforward.inertia_v)
         .collect();
     let curve = tall("A  Feed-forward", "time / s", "volts / V")
-        .colour(Colour::Black)
-        .line("printed: sine and triangle", &printed.time_s, &printed.feedforward)
-        .colour(Colour::Grey)
-        .dashed("its sine, against inertia", &printed.time_s, &inertia)
-        .colour(Colour::Blue)
-        .line("identified model", &identified.time_s, &identified.feedforward);
+        .line(Black, "printed: sine and triangle", &printed.time_s, &printed.feedforward)
+        .dashed(Grey, "its sine, against inertia", &printed.time_s, &inertia)
+        .line(Blue, "identified model", &identified.time_s, &identified.feedforward);
     let panels = Panels::new("Fig. 4.3, feed-forward and friction compensation")
         .panel(curve)
         .panel(offset(control.force.as_ref()))
@@ -141,7 +136,7 @@ fn offset(force: Option<&rig::ForceControl>) -> Figure {
     let Some(force) = force else { return figure };
     let velocity: Vec<f64> = (-300..=300).map(|step| 0.06 * f64::from(step)).collect();
     let volts: Vec<f64> = velocity.iter().map(|velocity| offset_v(force, *velocity)).collect();
-    figure.colour(Colour::Black).line("offset", &degrees(&velocity), &volts)
+    figure.line(Black, "offset", &degrees(&velocity), &volts)
 }
 
 fn effect([none, printed, identified]: [&Trace; 3]) -> Figure {
@@ -154,10 +149,7 @@ fn effect([none, printed, identified]: [&Trace; 3]) -> Figure {
             .collect()
     };
     tall("C  Error of the master", "time / s", "error / °")
-        .colour(Colour::Grey)
-        .line("feedback alone", &none.time_s, &error(none))
-        .colour(Colour::Black)
-        .line("with printed feed-forward", &printed.time_s, &error(printed))
-        .colour(Colour::Blue)
-        .line("with identified model", &identified.time_s, &error(identified))
+        .line(Grey, "feedback alone", &none.time_s, &error(none))
+        .line(Black, "with printed feed-forward", &printed.time_s, &error(printed))
+        .line(Blue, "with identified model", &identified.time_s, &error(identified))
 }

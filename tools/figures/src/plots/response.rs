@@ -1,15 +1,15 @@
 //! Fig. 3.4, 3.7 and 5.7: frequency responses.
 
+use anyhow::Result;
 use plant::response::{LinearSystem, Response};
-use report::{Colour, Figure, Panels};
+use report::Colour::{Black, Blue, Grey, Sky, Vermillion};
+use report::{Figure, Panels};
 
-use super::curve::{Curve, bode};
+use super::curve::{Curve, bode, measured_points};
 use super::style::axes;
 use super::{Common, Plot, columns};
 use crate::calibration::{Prediction, SHORT_M};
-use crate::error::Result;
 use crate::linear_response;
-use crate::published::published;
 use crate::simulated_line::Line;
 use crate::simulated_response::{CUT_OFF_GAIN, VANISHED_GAIN, cycle, logarithmic, sweep};
 use crate::table_row::{Role, Row};
@@ -23,37 +23,81 @@ const SMOOTH: usize = 600;
 const RESONANCE: &str = "hydrostatic.frequency_response_measured.resonance_hz";
 const CUT_OFF: &str = "hydrostatic.frequency_response_measured.cutoff_hz";
 
+/// Gain and phase of the printed and the traced line, of the thesis's linear system and of the one
+/// fitted to the traced line; then one cycle of the traced line with both systems.
+struct Comparison<'a> {
+    length: &'a str,
+    /// Frequencies and gains shown: lowest and highest (Hz), lowest and highest.
+    range_hz: (f64, f64),
+    gains: (f64, f64),
+    /// Responses of the printed and of the traced line.
+    responses: [&'a [Response]; 2],
+    traced: &'a Line,
+    /// The thesis's equation and its system.
+    equation: (&'a str, LinearSystem),
+    fitted: Option<&'a LinearSystem>,
+    /// Frequency of the cycle (Hz).
+    cycle_hz: f64,
+}
+
+impl Comparison<'_> {
+    fn panels(&self, title: &str) -> Result<Panels> {
+        let [printed, traced] = self.responses;
+        let (name, system) = &self.equation;
+        let smooth = logarithmic(self.range_hz.0, self.range_hz.1, SMOOTH);
+        let mut curves = vec![
+            Curve::simulated("printed constants", Vermillion, printed),
+            Curve::simulated("traced line", Blue, traced),
+            Curve::linear(name, Black, system, &smooth),
+        ];
+        if let Some(fitted) = self.fitted {
+            let frequencies: Vec<f64> =
+                traced.iter().map(|response| response.frequency_hz).collect();
+            curves.push(Curve::linear("linear fit to traced line", Sky, fitted, &frequencies));
+        }
+        let label = format!("A  {}", self.length);
+        let [gains, phases] = bode(&label, &curves, self.range_hz, self.gains, -300.0);
+        Ok(Panels::new(title).panel(gains).panel(phases).panel(self.one_cycle()?))
+    }
+
+    /// One cycle: master, simulated slave, and linear systems' slaves.
+    fn one_cycle(&self) -> Result<Figure> {
+        let hertz = self.cycle_hz;
+        let [time, master, slave] = columns(&cycle(self.traced, hertz)?);
+        let of = |system: &LinearSystem| {
+            linear_response::cycle_deg(system, hertz, self.traced.amplitude_deg, &time)
+        };
+        let (name, printed) = &self.equation;
+        let figure = axes(&format!("B  {hertz} Hz, traced line"), "time / s", "position / °")
+            .line(Grey, "master", &time, &master)
+            .line(Blue, "slave, simulated", &time, &slave)
+            .dashed(Black, *name, &time, &of(printed));
+        Ok(match self.fitted {
+            Some(fitted) => figure.dashed(Sky, "linear fit", &time, &of(fitted)),
+            None => figure,
+        })
+    }
+}
+
 /// Fig. 3.4.
 ///
 /// # Errors
 /// Where a constant is out of range.
 pub fn ten_metres(common: &Common) -> Result<Plot> {
     let frequencies = logarithmic(0.2, 24.0, POINTS);
-    let traced_line = &common.calibration.line;
     let printed = sweep(&Line::printed(), &frequencies)?;
-    let traced = sweep(traced_line, &frequencies)?;
-    let mut curves = vec![
-        Curve::simulated("printed constants", Colour::Vermillion, false, &printed),
-        Curve::simulated("traced line", Colour::Blue, false, &traced),
-        Curve::linear(
-            "eq. 3.3.1",
-            Colour::Black,
-            &LinearSystem::TEN_METRES,
-            &logarithmic(0.2, 24.0, SMOOTH),
-        ),
-    ];
-    if let Some(fitted) = &common.fitted[1] {
-        curves.push(Curve::linear("linear fit to traced line", Colour::Sky, fitted, &frequencies));
+    let traced = sweep(&common.calibration.line, &frequencies)?;
+    let panels = Comparison {
+        length: "10 m",
+        range_hz: (0.2, 24.0),
+        gains: (0.1, 8.0),
+        responses: [&printed, &traced],
+        traced: &common.calibration.line,
+        equation: ("eq. 3.3.1", LinearSystem::TEN_METRES),
+        fitted: common.fitted[1].as_ref(),
+        cycle_hz: 1.0,
     }
-    let [gains, phases] = bode("A  10 m", &curves, (0.2, 24.0), (0.1, 8.0), -300.0);
-    let panels =
-        Panels::new("Fig. 3.4, frequency response").panel(gains).panel(phases).panel(outputs(
-            "B  1 Hz, traced line",
-            traced_line,
-            1.0,
-            ("eq. 3.3.1", &LinearSystem::TEN_METRES),
-            common.fitted[1].as_ref(),
-        )?);
+    .panels("Fig. 3.4, frequency response")?;
     let rows = ten_metre_rows(common, &printed, &traced)?;
     let caption =
         "Slave over master, the master moved along a sine of ±30°: gain and phase of the \
@@ -116,32 +160,19 @@ fn ten_metre_rows(common: &Common, printed: &[Response], traced: &[Response]) ->
 pub fn one_metre(common: &Common) -> Result<Plot> {
     let frequencies = logarithmic(0.5, 120.0, POINTS);
     let line = common.calibration.line.clone().with_length(SHORT_M);
-    let mut curves = vec![
-        Curve::simulated(
-            "printed constants",
-            Colour::Vermillion,
-            false,
-            &sweep(&Line::printed().with_length(SHORT_M), &frequencies)?,
-        ),
-        Curve::simulated("traced line", Colour::Blue, false, &sweep(&line, &frequencies)?),
-        Curve::linear(
-            "eq. 3.3.2",
-            Colour::Black,
-            &LinearSystem::ONE_METRE,
-            &logarithmic(0.5, 120.0, SMOOTH),
-        ),
-    ];
-    if let Some(fitted) = &common.fitted_short[1] {
-        curves.push(Curve::linear("linear fit to traced line", Colour::Sky, fitted, &frequencies));
+    let printed = sweep(&Line::printed().with_length(SHORT_M), &frequencies)?;
+    let traced = sweep(&line, &frequencies)?;
+    let panels = Comparison {
+        length: "1 m",
+        range_hz: (0.5, 120.0),
+        gains: (0.1, 20.0),
+        responses: [&printed, &traced],
+        traced: &line,
+        equation: ("eq. 3.3.2", LinearSystem::ONE_METRE),
+        fitted: common.fitted_short[1].as_ref(),
+        cycle_hz: 2.0,
     }
-    let [gains, phases] = bode("A  1 m", &curves, (0.5, 120.0), (0.1, 20.0), -300.0);
-    let panels = Panels::new("Fig. 3.7, 1 m of hose").panel(gains).panel(phases).panel(outputs(
-        "B  2 Hz, traced line",
-        &line,
-        2.0,
-        ("eq. 3.3.2", &LinearSystem::ONE_METRE),
-        common.fitted_short[1].as_ref(),
-    )?);
+    .panels("Fig. 3.7, 1 m of hose")?;
     let lines = [&common.calibration.printed, &common.calibration.traced];
     let (peaks, cut_offs) =
         (lines.map(|line| line.short_peak_hz), lines.map(|line| line.short_cut_off_hz));
@@ -171,25 +202,13 @@ pub fn one_metre(common: &Common) -> Result<Plot> {
 /// Where a constant is out of range.
 pub fn measured(common: &Common) -> Result<Plot> {
     let frequencies = logarithmic(0.2, 15.0, POINTS);
+    let (printed, traced) = (Line::printed(), &common.calibration.line);
     let curves = [
-        Curve::simulated(
-            "printed constants",
-            Colour::Vermillion,
-            false,
-            &sweep(&Line::printed(), &frequencies)?,
-        ),
-        Curve::simulated(
-            "traced line",
-            Colour::Blue,
-            false,
-            &sweep(&common.calibration.line, &frequencies)?,
-        ),
+        Curve::simulated("printed constants", Vermillion, &sweep(&printed, &frequencies)?),
+        Curve::simulated("traced line", Blue, &sweep(traced, &frequencies)?),
     ];
     let [gains, phases] = bode("A  Hydrostatic", &curves, (0.2, 15.0), (0.5, 4.0), -220.0);
-    let gains = gains
-        .vertical("measured resonance", published(RESONANCE)?.value)
-        .colour(Colour::Black)
-        .scatter("measured cut-off", &[published(CUT_OFF)?.value], &[CUT_OFF_GAIN]);
+    let gains = measured_points(gains, RESONANCE, CUT_OFF)?;
     let ([cable_gains, cable_phases], cable_rows) = super::cable::response()?;
     let panels = Panels::new("Fig. 5.7, responses against what was measured")
         .panel(gains)
@@ -221,31 +240,6 @@ pub fn measured(common: &Common) -> Result<Plot> {
         \"remains same till after resonance\"."
         .to_owned();
     Ok(Plot { number: "5.7", title: "Measured frequency response", caption, panels, rows })
-}
-
-/// One cycle: master, simulated slave, and linear systems' slaves.
-fn outputs(
-    title: &str,
-    line: &Line,
-    frequency_hz: f64,
-    (name, printed): (&str, &LinearSystem),
-    fitted: Option<&LinearSystem>,
-) -> Result<Figure> {
-    let [time, master, slave] = columns(&cycle(line, frequency_hz)?);
-    let of = |system: &LinearSystem| {
-        linear_response::cycle_deg(system, frequency_hz, line.amplitude_deg, &time)
-    };
-    let mut figure = axes(title, "time / s", "position / °")
-        .colour(Colour::Grey)
-        .line("master", &time, &master)
-        .colour(Colour::Blue)
-        .line("slave, simulated", &time, &slave)
-        .colour(Colour::Black)
-        .dashed(name, &time, &of(printed));
-    if let Some(fitted) = fitted {
-        figure = figure.colour(Colour::Sky).dashed("linear fit", &time, &of(fitted));
-    }
-    Ok(figure)
 }
 
 fn fit_rows(length: &str, figure: &str, fitted: &[Option<LinearSystem>; 2]) -> Vec<Row> {

@@ -1,12 +1,11 @@
 //! Fig. 3.3: master and slave over time.
 
-use report::{Colour, Figure, Panels};
+use anyhow::Result;
+use report::Panels;
 
-use super::style::axes;
-use super::{Common, Plot, columns};
-use crate::error::Result;
+use super::{Common, Plot, over_cycle};
 use crate::simulated_line::Line;
-use crate::simulated_response::{Cycle, cycle};
+use crate::simulated_response::cycle;
 use crate::table_row::{Role, Row};
 
 /// Fig. 3.3.
@@ -19,10 +18,10 @@ pub fn movement(common: &Common) -> Result<Plot> {
     let (printed_cycle, traced_cycle) = (cycle(&printed, 1.0)?, cycle(traced, 1.0)?);
     let (slow, fast) = (cycle(traced, 0.2)?, cycle(traced, 2.0)?);
     let panels = Panels::new("Fig. 3.3, master and slave along a sine")
-        .panel(both("1 Hz, printed constants", &printed_cycle))
-        .panel(both("1 Hz, traced line", &traced_cycle))
-        .panel(both("0.2 Hz, traced line", &slow))
-        .panel(both("2 Hz, traced line", &fast));
+        .panel(over_cycle("1 Hz, printed constants", &printed_cycle, ("master", 1.0)))
+        .panel(over_cycle("1 Hz, traced line", &traced_cycle, ("master", 1.0)))
+        .panel(over_cycle("0.2 Hz, traced line", &slow, ("master", 1.0)))
+        .panel(over_cycle("2 Hz, traced line", &fast, ("master", 1.0)));
     let caption = format!(
         "Master (full) and slave (dashed) over one settled cycle; the master is moved along a sine \
             of ±{:.0}° (the thesis prints no amplitude). The slave's flat tops are its friction: \
@@ -47,13 +46,4 @@ pub fn movement(common: &Common) -> Result<Plot> {
             .note("longest time for which the slave stands still, 1 Hz, ±30°"),
     ];
     Ok(Plot { number: "3.3", title: "Movement along a sine", caption, panels, rows })
-}
-
-fn both(title: &str, cycle: &Cycle) -> Figure {
-    let [time, master, slave] = columns(cycle);
-    axes(title, "time / s", "position / °")
-        .colour(Colour::Black)
-        .line("master", &time, &master)
-        .colour(Colour::Vermillion)
-        .dashed("slave", &time, &slave)
 }

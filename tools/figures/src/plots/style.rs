@@ -1,7 +1,7 @@
 //! One size and one look for all: 420 CSS pixels with text of 13, which is 7.5 points when printed
 //! 85 mm wide.
 
-use report::Figure;
+use report::{Colour, Figure};
 
 /// Width of a panel, CSS pixels.
 const WIDTH: u32 = 420;
@@ -26,4 +26,9 @@ pub(super) fn gain(title: &str) -> Figure {
 /// Axes for a phase over frequency.
 pub(super) fn phase(title: &str) -> Figure {
     tall(title, "frequency / Hz", "phase / °").log_x()
+}
+
+/// One unnamed curve.
+pub(super) fn curve(title: &str, x_label: &str, y_label: &str, x: &[f64], y: &[f64]) -> Figure {
+    axes(title, x_label, y_label).line(Colour::Blue, "", x, y)
 }

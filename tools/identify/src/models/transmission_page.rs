@@ -1,7 +1,8 @@
 //! The page of a transmission: measurement against model, residual plots, candidates, parameters.
 
 use plant::effects::Site;
-use report::{Colour, Figure, Page, Table, Tone};
+use report::Colour::{Black, Blue, Green, Grey};
+use report::{Figure, Page, Table, Tone};
 
 use super::bootstrap;
 use super::effect_descriptions::{OTHER_ENCODER, words};
@@ -163,10 +164,8 @@ pub(super) fn page(study: &Study, outcome: &Outcome) -> Option<Page> {
             unlisted.depends_on.clone(),
             format!("at the {}", unlisted.site),
         )
-        .colour(Colour::Blue)
-        .line("", &column(0), &value)
-        .colour(Colour::Blue)
-        .band("", &column(0), &bound(-1.0), &bound(1.0));
+        .line(Blue, "", &column(0), &value)
+        .band(Blue, "", &column(0), &bound(-1.0), &bound(1.0));
         page = page.figure(
             &figure,
             "Nonparametric function of one variable, fitted beside the model (line), with one \
@@ -249,16 +248,14 @@ fn record(
 ) -> Page {
     let record = &study.model.records[index];
     let time = record.residual_times();
-    let mut position = Figure::new("Position", "time / s", "position / rad")
-        .size(680, 260)
-        .colour(Colour::Black)
-        .line("master", &time, &record.averaged(&record.master)[..time.len()]);
+    let mut position = Figure::new("Position", "time / s", "position / rad").size(680, 260).line(
+        Black,
+        "master",
+        &time,
+        &record.averaged(&record.master)[..time.len()],
+    );
     if let Some(slave) = &record.slave {
-        position = position.colour(Colour::Green).line(
-            "slave",
-            &time,
-            &record.averaged(slave)[..time.len()],
-        );
+        position = position.line(Green, "slave", &time, &record.averaged(slave)[..time.len()]);
     }
     let mut page = page.figure(&position, &format!("{label}: measured movement."));
     for (at, channel) in study.model.channels(index).into_iter().enumerate() {
@@ -271,10 +268,10 @@ fn record(
         let figure = drawn(&before.channels[at], &after.channels[at], with)
             .into_iter()
             .fold(figure, |figure, (name, colour, residual)| {
-                figure.colour(colour).line(name, &time, residual)
+                figure.line(colour, name, &time, residual)
             });
         page = page.figure(
-            &figure.horizontal("", 0.0),
+            &figure.horizontal(Grey, "", 0.0),
             &format!("{label}: innovation of {}.", channel.column()),
         );
     }

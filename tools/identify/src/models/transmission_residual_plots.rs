@@ -178,7 +178,7 @@ pub(super) fn maps(
     for (name, colour, stretches) in drawn(&of_before, &of_after, with) {
         let (hz, amplitude) = density(stretches, pace_s);
         spectral |= !hz.is_empty();
-        spectrum = spectrum.colour(colour).line(name, &hz, &amplitude);
+        spectrum = spectrum.line(colour, name, &hz, &amplitude);
     }
     let panels = [
         rows.over("position", "rad", unit, &rows.position),

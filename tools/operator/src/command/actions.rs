@@ -1,17 +1,18 @@
 //! Executes `reset`, `arm`, `enable`, `disarm`, `estop`, `run`, `stop` and the recording commands.
 
-use std::io::{IsTerminal, Write};
+use std::io::Write;
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use indicatif::{ProgressBar, ProgressStyle};
-use ipc_types::{LoggerRequest, TripCause, Verb};
+use ipc_types::{LoggerRequest, Verb};
 use runtime::{DomainError, RigName};
 use serde_json::json;
 
 use super::{RunArguments, print_json};
-use crate::{DATA_LOST, DONE, Error, FAILED, Progress, RigLink, RunOptions, RunOutcome};
+use crate::run::causes;
+use crate::{DATA_LOST, DONE, Error, FAILED, Progress, RigLink, RunOutcome};
 
 fn link(rig_name: &RigName) -> Result<RigLink, Error> {
     RigLink::open(rig_name).map_err(|error| match error {
@@ -45,11 +46,7 @@ pub(super) fn verb(rig_name: &RigName, verb: Verb, as_json: bool) -> anyhow::Res
 }
 
 pub(super) fn run(arguments: &RunArguments, rig_name: &RigName) -> anyhow::Result<i32> {
-    let options = RunOptions {
-        protocol: arguments.protocol.clone(),
-        overrides: arguments.overrides.clone(),
-        subject: arguments.subject.clone(),
-    };
+    let options = &arguments.options;
     // A wrong file is told without a rig.
     rig::load_protocol(&options.protocol, &options.overrides)?;
     let stop = Arc::new(AtomicBool::new(false));
@@ -61,22 +58,23 @@ pub(super) fn run(arguments: &RunArguments, rig_name: &RigName) -> anyhow::Resul
     let link = link(rig_name)?;
     let unrecorded =
         link.logger(&LoggerRequest::Status).is_ok_and(|logger| logger.recording.is_none());
-    let bar = Bar::new();
+    // Nothing is drawn where standard error is no terminal.
+    let bar = ProgressBar::new(1000).with_style(ProgressStyle::with_template("{bar:40} {msg}")?);
     let mut told = false;
     let mut ranges = Vec::new();
-    let outcome = crate::run_protocol(&link, &options, &stop, &mut |progress| {
+    let outcome = crate::run_protocol(&link, options, &stop, &mut |progress| {
         if unrecorded && !told {
             eprintln!("nothing is being recorded (farreach rec start FILE)");
         }
         told = true;
-        bar.show(progress);
+        show(&bar, progress);
         ranges.clone_from(&progress.ranges);
     });
-    bar.clear();
+    bar.finish_and_clear();
     let outcome = outcome?;
     let mut out = std::io::stdout();
     if arguments.json.json {
-        let mut value = json_of(&outcome);
+        let mut value = serde_json::to_value(&outcome)?;
         value["ranges"] = serde_json::to_value(&ranges)?;
         print_json(&value)?;
     } else {
@@ -153,20 +151,6 @@ pub(super) fn stop_recording(rig_name: &RigName, as_json: bool) -> anyhow::Resul
     Ok(if answer.lost > 0 { DATA_LOST } else { DONE })
 }
 
-fn json_of(outcome: &RunOutcome) -> serde_json::Value {
-    match outcome {
-        RunOutcome::Completed { elapsed_s } => {
-            json!({ "outcome": "completed", "elapsed_s": elapsed_s })
-        }
-        RunOutcome::Stopped { elapsed_s } => {
-            json!({ "outcome": "stopped", "elapsed_s": elapsed_s })
-        }
-        RunOutcome::Tripped { state, cause, faults } => {
-            json!({ "outcome": "tripped", "state": state, "cause": cause, "faults": faults })
-        }
-    }
-}
-
 fn tell(out: &mut dyn Write, outcome: &RunOutcome) -> std::io::Result<()> {
     match outcome {
         RunOutcome::Completed { elapsed_s } => {
@@ -185,12 +169,8 @@ fn tell(out: &mut dyn Write, outcome: &RunOutcome) -> std::io::Result<()> {
         }
         RunOutcome::Tripped { state, cause, faults } => {
             let mut text = format!("the protocol was stopped: the rig is {state}");
-            if *cause != TripCause::None {
-                text += &format!(", cause: {cause}");
-            }
-            let faults: Vec<_> = faults.iter().map(|fault| fault.text()).collect();
-            if !faults.is_empty() {
-                text += &format!(", active faults: {}", faults.join(", "));
+            for part in causes(*cause, faults) {
+                text += &format!(", {part}");
             }
             eprintln!("farreach: {text}");
             Ok(())
@@ -198,39 +178,16 @@ fn tell(out: &mut dyn Write, outcome: &RunOutcome) -> std::io::Result<()> {
     }
 }
 
-/// A bar on a terminal, nothing in a pipe.
-struct Bar(Option<ProgressBar>);
-
-impl Bar {
-    fn new() -> Self {
-        if !std::io::stderr().is_terminal() {
-            return Self(None);
-        }
-        let bar = ProgressBar::new(1000);
-        if let Ok(style) = ProgressStyle::with_template("{bar:40} {msg}") {
-            bar.set_style(style);
-        }
-        Self(Some(bar))
-    }
-
-    fn show(&self, progress: &Progress) {
-        let Some(bar) = &self.0 else { return };
-        let share = (progress.elapsed_s / progress.duration_s).clamp(0.0, 1.0);
-        bar.set_position((share * 1000.0) as u64);
-        let absent = if progress.absent { " (the experiment process is restarting)" } else { "" };
-        bar.set_message(format!(
-            "{:.1} of {:.1} s, segment {} of {} {}{absent}",
-            progress.elapsed_s,
-            progress.duration_s,
-            progress.segment,
-            progress.segments,
-            progress.label
-        ));
-    }
-
-    fn clear(&self) {
-        if let Some(bar) = &self.0 {
-            bar.finish_and_clear();
-        }
-    }
+fn show(bar: &ProgressBar, progress: &Progress) {
+    let share = (progress.elapsed_s / progress.duration_s).clamp(0.0, 1.0);
+    bar.set_position((share * 1000.0) as u64);
+    let absent = if progress.absent { " (the experiment process is restarting)" } else { "" };
+    bar.set_message(format!(
+        "{:.1} of {:.1} s, segment {} of {} {}{absent}",
+        progress.elapsed_s,
+        progress.duration_s,
+        progress.segment,
+        progress.segments,
+        progress.label
+    ));
 }

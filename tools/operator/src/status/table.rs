@@ -1,6 +1,5 @@
 //! The status as text.
 
-use std::fmt::Write;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use ipc_types::{GateCause, TripCause};
@@ -66,14 +65,10 @@ pub fn table(status: &RigStatus, now: SystemTime, width: usize) -> String {
         ));
     }
     // The rows of the table are never wrapped.
-    let mut rows = String::new();
-    row(
-        &mut rows,
-        ["process", "state", "pid", "up for", "restarts", "rate Hz", "missed", "p99 µs", "age ms"],
-    );
+    let head = "process|state|pid|up for|restarts|rate Hz|missed|p99 µs|age ms";
+    let mut rows = row(head.split('|'));
     for process in &status.processes {
-        let cells = cells(process, now);
-        row(&mut rows, cells.each_ref().map(String::as_str));
+        rows += &row(cells(process, now).iter().map(String::as_str));
     }
     let mut remarks = Vec::new();
     for process in &status.processes {
@@ -135,19 +130,14 @@ fn watchdog_line(watchdog: &WatchdogStatus, now: SystemTime) -> String {
     line
 }
 
-/// Appends one row; a cell that outgrows its column shifts the rest and never touches its
-/// neighbour.
-fn row(out: &mut String, cells: [&str; 9]) {
+/// One row; a cell that outgrows its column shifts the rest and never touches its neighbour.
+fn row<'a>(cells: impl Iterator<Item = &'a str>) -> String {
     const WIDTHS: [usize; 9] = [11, 12, 7, 8, 8, 7, 6, 6, 6];
-    for (index, (cell, width)) in cells.into_iter().zip(WIDTHS).enumerate() {
-        let separator = if index == 0 { "" } else { " " };
-        // Writing to a string does not fail.
-        let _ = match index {
-            0 | 1 => write!(out, "{separator}{cell:<width$}"),
-            _ => write!(out, "{separator}{cell:>width$}"),
-        };
-    }
-    out.push('\n');
+    let aligned = cells.zip(WIDTHS).enumerate().map(|(index, (cell, width))| match index {
+        0 | 1 => format!("{cell:<width$}"),
+        _ => format!("{cell:>width$}"),
+    });
+    aligned.collect::<Vec<_>>().join(" ") + "\n"
 }
 
 fn cells(process: &ProcessStatus, now: SystemTime) -> [String; 9] {

@@ -27,12 +27,6 @@ impl Percentiles {
         Some(Self { p50: at(0.5), p99: at(0.99), p99_9: at(0.999), max: micros(times_ns[last]) })
     }
 
-    /// From the four values of a `LoopTiming` (ns).
-    pub fn of_loop(ns: [u64; 4]) -> Self {
-        let [p50, p99, p99_9, max] = ns.map(micros);
-        Self { p50, p99, p99_9, max }
-    }
-
     /// The larger of each.
     #[must_use]
     pub fn worst(self, other: Self) -> Self {
@@ -42,6 +36,14 @@ impl Percentiles {
             p99_9: self.p99_9.max(other.p99_9),
             max: self.max.max(other.max),
         }
+    }
+}
+
+impl From<[u64; 4]> for Percentiles {
+    /// From the four values of a `LoopTiming` (ns).
+    fn from(ns: [u64; 4]) -> Self {
+        let [p50, p99, p99_9, max] = ns.map(micros);
+        Self { p50, p99, p99_9, max }
     }
 }
 
