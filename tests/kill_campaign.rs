@@ -194,7 +194,7 @@ impl Campaign {
         // Whichever process was killed: the card enforces the timeout of the enable line to the
         // tick.
         if let Some(power) = tripped.last_power() {
-            let line_died = tick_of(tripped.toggled.0 + timeouts.line_ns) + 1;
+            let line_died = tick_of(tripped.toggled.0 + timeouts.enable_line_ns) + 1;
             assert!(
                 power <= line_died,
                 "{victim}: powered until tick {power}, the line died at {line_died}"

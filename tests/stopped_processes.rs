@@ -57,7 +57,7 @@ fn assert_off(monitor: &Monitor, frozen: &str, struck_ns: u64, last_word_ns: u64
     let off = seen.last_volts().map_or(0, |last| (last + 1).saturating_sub(from));
     let bound = off_bound(frozen, monitor.profile()).unwrap();
     assert!(off <= bound, "{frozen}: volts for {off} ticks, bound {bound}");
-    let line_died = tick_of(seen.toggled.0 + timeouts.line_ns) + 1;
+    let line_died = tick_of(seen.toggled.0 + timeouts.enable_line_ns) + 1;
     assert!(
         seen.last_power().is_none_or(|power| power <= line_died),
         "{frozen}: power without a toggling enable line"

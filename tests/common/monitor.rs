@@ -43,13 +43,13 @@ pub fn off_bound(process: &str, profile: Profile) -> Option<u64> {
         // power.
         "simulator" => 0,
         // Tokens and line stop at once.
-        "watchdog" => timeouts.line_ns.max(timeouts.token_ns),
+        "watchdog" => timeouts.enable_line_ns.max(timeouts.token_ns),
         // The enable line pauses (SR-24).
         "acquisition" if profile == Profile::Realtime => 10 * MILLISECOND_NS,
         "acquisition" => 60 * MILLISECOND_NS,
         // The gate is faster, but without real-time scheduling it may be late itself; then the
         // enable line ends it.
-        "control" => timeouts.peer_lost_ns + timeouts.line_ns,
+        "control" => timeouts.peer_lost_ns + timeouts.enable_line_ns,
         _ => return None,
     };
     Some(bound_ns / TICK_NS + SLACK)
@@ -385,14 +385,14 @@ impl Monitor {
     /// alone, and the power may go.
     pub fn stalled(&self, topics: &[&str]) -> Option<String> {
         let seen = self.seen();
-        let line_pause_ns = match self.profile() {
+        let enable_line_pause_ns = match self.profile() {
             Profile::Realtime => 3 * MILLISECOND_NS,
             Profile::BestEffort => 15 * MILLISECOND_NS,
         };
         let pauses =
             topics.iter().filter_map(|topic| Some((topic, seen.streams.get(topic)?.pause_ns)));
         let (topic, pause_ns) = pauses.max_by_key(|(_, pause_ns)| *pause_ns)?;
-        (pause_ns > line_pause_ns)
+        (pause_ns > enable_line_pause_ns)
             .then(|| format!("{topic} paused for {:.1} ms", pause_ns as f64 * 1e-6))
     }
 

@@ -32,7 +32,6 @@
 //! The law is odd: mirrored inputs give mirrored outputs. The loop's rate (500 Hz, 1 kHz) affects
 //! the sampling only.
 
-mod blend;
 mod compensation;
 mod config;
 mod feedforward;
@@ -42,22 +41,23 @@ mod impedance;
 pub mod latency;
 mod limit;
 mod observer;
-mod options;
 mod position_control;
+mod position_options;
 mod saturation;
 mod slave_loop;
+mod transition;
 mod velocity_estimate;
 
-use blend::{Blend, Motion, stopping_displacement};
 pub use config::{AxisLaw, LawConfig};
 use feedforward::Slew;
 pub use feedforward::{REVERSAL, friction};
 use ipc_types::{AXES, Mode, MotorCommand, Sample, Setpoint};
 use latency::Latency;
 pub use observer::OBSERVER_SLEW_S;
-use options::{OptionState, sanitised};
+use position_options::{OptionState, sanitised};
 use rig::ACCELERATION_HZ;
 use saturation::within;
+use transition::{Motion, Transition, stopping_displacement};
 use velocity_estimate::VelocityEstimate;
 
 /// Time in which the output gains or loses its full authority (s).
@@ -76,7 +76,7 @@ pub const EXTRAPOLATION_S: f64 = 0.1;
 /// Longest elapsed time that one step accounts for, however late the loop is (s).
 const LONGEST_STEP_S: f64 = 0.05;
 
-/// Who sets the reference; a change begins a blend.
+/// Who sets the reference; a change begins a transition.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Source {
     /// The law itself: it holds.
@@ -94,7 +94,7 @@ struct Axis {
     target: Motion,
     /// The time that the target is meant for.
     target_ns: u64,
-    blend: Option<Blend>,
+    transition: Option<Transition>,
     friction: Slew,
     inertia: Slew,
     options: OptionState,
@@ -313,7 +313,7 @@ impl Law {
         self.source = None;
         self.authority = 0.0;
         for axis in &mut self.axis {
-            axis.blend = None;
+            axis.transition = None;
             axis.release();
             axis.friction.reset();
             axis.inertia.reset();
@@ -322,7 +322,8 @@ impl Law {
         }
     }
 
-    /// Determines the target of each axis, and begins a blend if it has changed discontinuously.
+    /// Determines the target of each axis, and begins a transition if it has changed
+    /// discontinuously.
     fn choose_reference(
         &mut self,
         time_ns: u64,
@@ -354,7 +355,7 @@ impl Law {
                 let speed = law.catch_up_speed().abs();
                 let velocity = within(axis.velocity.velocity(), speed);
                 axis.reference = Motion { position, velocity, acceleration: 0.0 };
-                axis.blend = None;
+                axis.transition = None;
             } else {
                 axis.reference = reference;
             }
@@ -378,14 +379,15 @@ impl Law {
                     && law.control.ramp_s.is_finite()
                     && speed > 0.0
                     && offset.is_finite();
-                axis.blend = ramps
-                    .then(|| Blend::new(time_ns, &offset, law.stop_s(), law.control.ramp_s, speed));
+                axis.transition = ramps.then(|| {
+                    Transition::new(time_ns, &offset, law.stop_s(), law.control.ramp_s, speed)
+                });
             }
             axis.target = target;
             axis.target_ns = time_ns;
-            let offset = axis.blend.and_then(|blend| blend.at(time_ns));
+            let offset = axis.transition.and_then(|transition| transition.at(time_ns));
             if offset.is_none() {
-                axis.blend = None;
+                axis.transition = None;
             }
             axis.reference = target.plus(&offset.unwrap_or_default());
             axis.hold_back(law, position, mode == Mode::Initialise, elapsed_s);
@@ -406,10 +408,11 @@ impl Axis {
         self.target.extrapolated(time_ns.saturating_sub(self.target_ns) as f64 * 1e-9)
     }
 
-    /// The reference at a time, from target and blend.
+    /// The reference at a time, from target and transition.
     fn reference_at(&self, time_ns: u64) -> Motion {
-        self.target_at(time_ns)
-            .plus(&self.blend.and_then(|blend| blend.at(time_ns)).unwrap_or_default())
+        self.target_at(time_ns).plus(
+            &self.transition.and_then(|transition| transition.at(time_ns)).unwrap_or_default(),
+        )
     }
 
     /// The position, within the limits, at which a moving reference comes to rest at constant

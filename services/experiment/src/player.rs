@@ -14,10 +14,10 @@
 //! the interrupted segment again, from where the handle then is.
 
 mod ilc;
-mod job;
+mod ilc_job;
 mod measured_segments;
-mod notice;
 mod program;
+mod reports;
 mod setpoint;
 mod supervision;
 
@@ -30,10 +30,10 @@ use crate::ilc_trial::IlcTrials;
 use crate::range_finder::RangeFinder;
 use crate::state::PlayerState;
 
-pub use job::IlcJob;
-use job::JOBS;
-pub use notice::{Notice, Reason};
+pub use ilc_job::IlcJob;
+use ilc_job::JOBS;
 pub use program::Program;
+pub use reports::{Notice, Reason};
 pub use supervision::Permission;
 use supervision::{Supervision, Verdict};
 

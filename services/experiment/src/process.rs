@@ -1,8 +1,8 @@
 //! The process: samples in, setpoints out, on the grid.
 
 mod ilc_worker;
-mod link;
 mod request_handler;
+mod thread_link;
 
 use std::fs;
 use std::io;
@@ -26,8 +26,8 @@ use crate::player::{Change, Notice, Permission, Player, Program, Settings};
 use crate::state::PlayerState;
 
 use ilc_worker::IlcWorker;
-use link::{ChangeReport, LoopSide, Order};
 use request_handler::{Current, RequestHandler};
+use thread_link::{ChangeReport, LoopSide, Order};
 
 /// Period of the heartbeat (ns).
 const HEARTBEAT_NS: u64 = 50 * MILLISECOND_NS;
@@ -106,7 +106,7 @@ impl Runner {
             }
         };
         let learnt = learnt.map_or_else(|| directory.join(LEARNT), Path::to_owned);
-        let (link, request_side) = link::pair();
+        let (link, request_side) = thread_link::pair();
         let fifo = service.domain().fifo();
         let ilc_worker = IlcWorker::open(
             session,

@@ -25,21 +25,21 @@
 //! Pure: no clock, and no files except in [`store`]. [`Learner::record`] and [`Learner::aim`],
 //! which run in every control step, do not allocate; [`Learner::finish_block`] does.
 
-mod block;
+mod cycle_block;
 mod model_based;
-mod published;
+mod published_law;
 pub mod spectral;
 mod state;
 pub mod store;
 
-pub use block::BlockError;
+pub use cycle_block::BlockError;
 pub use model_based::{ModelBased, Response};
-pub use published::Published;
+pub use published_law::Published;
 pub use realfft::num_complex::Complex;
 pub use state::LearnerState;
 
-use block::Block;
-use published::PublishedRule;
+use cycle_block::Block;
+use published_law::PublishedRule;
 use serde::{Deserialize, Serialize};
 use spectral::Spectral;
 use thiserror::Error;

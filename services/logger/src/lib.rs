@@ -1,11 +1,12 @@
 //! The logger process: all topics to disk.
 //!
-//! Its core needs neither shared memory nor a clock: [`sink`] counts the messages and hands them
-//! over a bounded queue to the thread that owns the file; [`state`] remembers what is being
-//! recorded, so that a logger that was killed continues with the next part. [`run`] is the process.
+//! Its core needs neither shared memory nor a clock: [`recorder_front_end`] counts the messages and
+//! hands them over a bounded queue to the thread that owns the file; [`state`] remembers what is
+//! being recorded, so that a logger that was killed continues with the next part. [`run`] is the
+//! process.
 
 mod process;
-pub mod sink;
+pub mod recorder_front_end;
 pub mod state;
 mod writer_queue;
 mod writer_thread;

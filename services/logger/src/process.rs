@@ -1,4 +1,4 @@
-//! The process: messages from shared memory to the sink, requests, counters and events.
+//! The process: messages from shared memory to the recorder, requests, counters and events.
 
 mod reports;
 mod requests;
@@ -23,7 +23,7 @@ use runtime::clock::{ClockPair, MILLISECOND_NS, SECOND_NS, now_ns};
 use runtime::{Grid, PortError, Publisher, RawSubscriber, Service, ServiceError, open_raw};
 use thiserror::Error;
 
-use crate::sink::{Outcome, Sink, SinkError, StartRequest};
+use crate::recorder_front_end::{Outcome, RecorderError, RecorderFrontEnd, StartRequest};
 use crate::state::{self, State};
 
 use requests::{PendingRequest, RequestReceiver};
@@ -59,7 +59,7 @@ pub enum LoggerError {
     #[error(transparent)]
     Port(#[from] PortError),
     #[error(transparent)]
-    Sink(#[from] SinkError),
+    Recorder(#[from] RecorderError),
     #[error("{}: cannot save the logger's state: {source}", path.display())]
     StateDirectory { path: PathBuf, source: io::Error },
     /// The recording requested at the start did not begin.
@@ -87,7 +87,7 @@ pub struct Logger {
     heartbeats: Publisher<Heartbeat>,
     losses: Publisher<LossCounters>,
     clocks: Publisher<ClockSync>,
-    sink: Sink,
+    recorder: RecorderFrontEnd,
     requests: RequestReceiver,
     metadata: BTreeMap<String, String>,
     /// the protocol that is being played; empty where none is
@@ -104,7 +104,7 @@ impl std::fmt::Debug for Logger {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("Logger")
             .field("service", &self.service)
-            .field("sink", &self.sink)
+            .field("recorder", &self.recorder)
             .finish_non_exhaustive()
     }
 }
@@ -145,7 +145,7 @@ impl Logger {
             losses: service.publisher(LOSS)?,
             clocks: service.publisher(CLOCK)?,
             requests: RequestReceiver::open(service.domain().name())?,
-            sink: Sink::new(Some(directory.clone()))?,
+            recorder: RecorderFrontEnd::new(Some(directory.clone()))?,
             service,
             topics,
             metadata,
@@ -173,7 +173,7 @@ impl Logger {
         record: Option<&Path>,
     ) -> Result<(), LoggerError> {
         let session = self.service.identity().session;
-        self.sink.tick(now_ns());
+        self.recorder.tick(now_ns());
         let kept = match kept {
             Ok(kept) => kept,
             Err(error) => {
@@ -226,9 +226,9 @@ impl Logger {
         }
     }
 
-    fn start(&mut self, request: StartRequest) -> Result<(), SinkError> {
+    fn start(&mut self, request: StartRequest) -> Result<(), RecorderError> {
         let offset = request.realtime_offset_ns;
-        self.sink.start(request)?;
+        self.recorder.start(request)?;
         self.file_offset_ns = offset;
         self.reported_losses.fill(0);
         Ok(())
@@ -237,13 +237,13 @@ impl Logger {
     /// Begins a recording before the loop runs. The inner error is why it did not begin.
     fn start_and_wait(&mut self, request: StartRequest) -> Result<Result<(), String>, LoggerError> {
         match self.start(request) {
-            Err(error @ SinkError::Thread { .. }) => return Err(error.into()),
+            Err(error @ RecorderError::Thread { .. }) => return Err(error.into()),
             Err(error) => return Ok(Err(error.to_string())),
             Ok(()) => {}
         }
         let requested = Instant::now();
         while requested.elapsed() < BEGIN_LIMIT {
-            match self.sink.wait(BEGIN_LIMIT) {
+            match self.recorder.wait(BEGIN_LIMIT) {
                 Some(Outcome::NotStarted { error, .. }) => return Ok(Err(error)),
                 Some(outcome) => {
                     let begun = matches!(outcome, Outcome::Started { .. });
@@ -269,8 +269,8 @@ impl Logger {
         while !self.service.stopping() {
             let Some(wake) = grid.wait() else { continue };
             self.drain()?;
-            self.sink.tick(wake.woke_ns);
-            while let Some(outcome) = self.sink.poll() {
+            self.recorder.tick(wake.woke_ns);
+            while let Some(outcome) = self.recorder.poll() {
                 self.outcome(outcome)?;
             }
             while let Some(request) = self.requests.next() {
@@ -300,11 +300,11 @@ impl Logger {
     fn drain(&mut self) -> Result<(), PortError> {
         let mut ended = false;
         for (index, (subscriber, topic)) in self.topics.iter_mut().zip(TOPICS).enumerate() {
-            let sink = &mut self.sink;
+            let recorder = &mut self.recorder;
             let mut push = |bytes: &[u8]| {
                 // Topics that are not recorded are read and dropped.
                 if topic.recorded {
-                    sink.push(index, bytes);
+                    recorder.push(index, bytes);
                 }
                 ended |= topic.type_name == Event::TYPE_NAME && ends_run(bytes);
             };
@@ -317,7 +317,7 @@ impl Logger {
         if ended && !self.run.is_empty() {
             self.run.clear();
             // A writer thread that has ended is reported with the next request.
-            let _ = self.sink.note_run(BTreeMap::new());
+            let _ = self.recorder.note_run(BTreeMap::new());
         }
         Ok(())
     }
@@ -326,7 +326,7 @@ impl Logger {
         let PendingRequest { request, reply } = request;
         let result = match request {
             LoggerRequest::Status => {
-                let _ = reply.send(self.sink.status());
+                let _ = reply.send(self.recorder.status());
                 return Ok(());
             }
             LoggerRequest::Start { path, metadata } => {
@@ -336,22 +336,23 @@ impl Logger {
             LoggerRequest::Stop => {
                 // Everything published before the request is in the buffers by now.
                 self.drain()?;
-                self.sink.stop().map(|()| self.stop_reply = Some(reply.clone()))
+                self.recorder.stop().map(|()| self.stop_reply = Some(reply.clone()))
             }
             LoggerRequest::Run { metadata } => {
                 self.run = metadata.into_iter().collect();
                 self.run.insert(key::TIME_NS.to_owned(), now_ns().to_string());
-                let noted = self.sink.note_run(self.run.clone());
-                let _ = reply.send(self.sink.status());
+                let noted = self.recorder.note_run(self.run.clone());
+                let _ = reply.send(self.recorder.status());
                 noted
             }
         };
         match result {
             Ok(()) => Ok(()),
-            Err(error @ SinkError::Thread { .. }) => Err(error.into()),
+            Err(error @ RecorderError::Thread { .. }) => Err(error.into()),
             Err(error) => {
                 // Fails only where the client is gone.
-                let _ = reply.send(LoggerAnswer { error: error.to_string(), ..self.sink.status() });
+                let _ =
+                    reply.send(LoggerAnswer { error: error.to_string(), ..self.recorder.status() });
                 Ok(())
             }
         }
@@ -364,8 +365,8 @@ impl Logger {
         self.publish_counts()?;
         self.service.end()?;
         self.drain()?;
-        self.sink.tick(now_ns());
-        let outcomes = self.sink.end();
+        self.recorder.tick(now_ns());
+        let outcomes = self.recorder.end();
         let mut result = Ok(());
         for outcome in outcomes {
             if let Outcome::StoppedWithError { error, .. } = &outcome {

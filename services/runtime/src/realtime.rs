@@ -20,9 +20,9 @@ pub struct Timeouts {
     /// A peer that was silent for this long is lost (ns).
     pub peer_lost_ns: u64,
     /// The card drops the motor this long after the enable line's last toggle (ns).
-    pub line_ns: u64,
+    pub enable_line_ns: u64,
     /// The watchdog stops toggling the enable line when the newest sample is older than this (ns).
-    pub line_pause_ns: u64,
+    pub enable_line_pause_ns: u64,
 }
 
 impl Timeouts {
@@ -33,28 +33,28 @@ impl Timeouts {
             Profile::Realtime => Self {
                 token_ns: 5 * MILLISECOND_NS,
                 peer_lost_ns: 8 * MILLISECOND_NS,
-                line_ns: 5 * MILLISECOND_NS,
-                line_pause_ns: 3 * MILLISECOND_NS,
+                enable_line_ns: 5 * MILLISECOND_NS,
+                enable_line_pause_ns: 3 * MILLISECOND_NS,
             },
             Profile::BestEffort => Self {
                 token_ns: 40 * MILLISECOND_NS,
                 peer_lost_ns: 60 * MILLISECOND_NS,
-                line_ns: 40 * MILLISECOND_NS,
-                line_pause_ns: 15 * MILLISECOND_NS,
+                enable_line_ns: 40 * MILLISECOND_NS,
+                enable_line_pause_ns: 15 * MILLISECOND_NS,
             },
         }
     }
 
     /// A pause of the enable line that lasts this long is a trip (ns): less than the card's
     /// timeout, so that the motor never loses power without a trip and gets it back by itself.
-    pub const fn line_gap_ns(&self) -> u64 {
-        self.line_ns - 1_500_000
+    pub const fn enable_line_gap_ns(&self) -> u64 {
+        self.enable_line_ns - 1_500_000
     }
 
     /// Longest stall of one processor that a rig tolerates (ns). The watchdog's own stall must stay
-    /// below [`Self::line_gap_ns`]; 1 ms of it goes to the period of its loop.
+    /// below [`Self::enable_line_gap_ns`]; 1 ms of it goes to the period of its loop.
     pub const fn stall_ns(&self) -> u64 {
-        self.line_gap_ns() - MILLISECOND_NS
+        self.enable_line_gap_ns() - MILLISECOND_NS
     }
 }
 

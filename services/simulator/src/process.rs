@@ -29,7 +29,7 @@ pub enum SimulatorError {
 /// [`SimulatorError`].
 pub fn run(rig_name: &str, rig: &RigFile, effects: &[String]) -> Result<(), SimulatorError> {
     let mut service = Service::start(Process::Simulator, rig_name)?;
-    let mut card = Card::new(rig, effects, service.timeouts().line_ns)?;
+    let mut card = Card::new(rig, effects, service.timeouts().enable_line_ns)?;
     let mut scans = service.publisher(CARD_SCAN)?;
     let mut outputs = service.subscriber(CARD_OUTPUT)?;
     let mut lines = service.subscriber(ENABLE_LINE)?;

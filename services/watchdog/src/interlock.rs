@@ -21,17 +21,19 @@
 
 mod config;
 mod faults;
+mod message_monitor;
 mod refusal;
 mod speed;
-mod watch;
 
 pub use config::Config;
 pub use faults::{FaultAction, FaultSet, PRIORITY, action_of};
 use ipc_types::{
     AXES, EnableToken, GateState, MotorCommand, Sample, TripCause, Verb, WatchdogState,
 };
+use message_monitor::{
+    CommandMonitor, SampleMonitor, age_ns, has_enable_line, lacks_realtime, takes_volts,
+};
 pub use refusal::Refusal;
-use watch::{CommandWatch, SampleWatch, age_ns, has_enable_line, lacks_realtime, takes_volts};
 
 /// Number of past tokens whose issue times are kept, to compute the age of an echoed token.
 const TOKEN_HISTORY: usize = 256;
@@ -87,8 +89,8 @@ pub struct Interlock {
     /// State in the newest event.
     reported_state: WatchdogState,
     cause: TripCause,
-    samples: SampleWatch,
-    commands: CommandWatch,
+    samples: SampleMonitor,
+    commands: CommandMonitor,
     /// Faults detected in single messages since the last step.
     momentary: FaultSet,
     /// Time until which each momentary fault is held active (ns), by code of its cause.
@@ -120,8 +122,8 @@ impl Interlock {
             state: WatchdogState::Faulted,
             reported_state: WatchdogState::Faulted,
             cause: TripCause::Started,
-            samples: SampleWatch::new(),
-            commands: CommandWatch { newest: None },
+            samples: SampleMonitor::new(),
+            commands: CommandMonitor { newest: None },
             momentary: FaultSet::NONE,
             held_until_ns: [0; CAUSES],
             active: FaultSet::NONE,
@@ -247,7 +249,7 @@ impl Interlock {
     /// Whether the newest sample is recent enough for the enable line to keep toggling.
     fn samples_are_fresh(&self, now_ns: u64) -> bool {
         self.samples.newest.as_ref().is_some_and(|sample| {
-            now_ns.saturating_sub(sample.scan_time_ns) <= self.config.line_pause_ns
+            now_ns.saturating_sub(sample.scan_time_ns) <= self.config.enable_line_pause_ns
         })
     }
 
@@ -276,7 +278,7 @@ impl Interlock {
             // for nearly the card's timeout.
             let line_silent_ns = now_ns.saturating_sub(self.toggled_at_ns);
             let line_silent =
-                self.state == WatchdogState::Enabled && line_silent_ns > config.line_gap_ns;
+                self.state == WatchdogState::Enabled && line_silent_ns > config.enable_line_gap_ns;
             let fresh = self.samples_are_fresh(now_ns);
             active.insert_if(
                 line_silent,

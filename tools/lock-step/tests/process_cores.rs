@@ -79,7 +79,7 @@ impl Rig {
         let volts_max = |axis: usize| rig.axes.get(axis).map_or(0.0, |axis| axis.limits.volts_max);
         let bits = (1u8 << rig.axes.len()) - 1;
         Self {
-            card: Card::new(rig, &[], Timeouts::of(PROFILE).line_ns).unwrap(),
+            card: Card::new(rig, &[], Timeouts::of(PROFILE).enable_line_ns).unwrap(),
             converter: Converter::new(rig),
             gate: Gate::new(GateConfig::for_profile(
                 PROFILE,

@@ -105,7 +105,7 @@ impl Prepared {
         let card = options.card.as_ref().ok_or(Error::NoCard)?;
         if card.kind == CardKind::Simulated {
             // what the simulator process does with it; the line's life does not matter here
-            let line_ns = Timeouts::of(Profile::BestEffort).line_ns;
+            let line_ns = Timeouts::of(Profile::BestEffort).enable_line_ns;
             simulator::Card::new(&rig, &options.effects, line_ns)?;
         }
         let _checked = card.open(&rig)?;

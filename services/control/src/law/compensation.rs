@@ -12,11 +12,11 @@
 use ipc_types::AXES;
 use rig::CompensationKind;
 
-use super::blend::Motion;
 use super::feedforward::friction;
 use super::observer::OBSERVER_SLEW_S;
-use super::options::Windup;
+use super::position_options::Windup;
 use super::saturation::{soft_sign, within};
+use super::transition::Motion;
 use super::{AxisLaw, FRICTION_SLEW_S};
 
 impl AxisLaw {

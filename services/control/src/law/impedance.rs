@@ -72,7 +72,7 @@ impl Law {
         axis.output_v = limited_v;
         let master = sample.master_position[index];
         axis.rest_at(master, sample.scan_time_ns);
-        axis.blend = None;
+        axis.transition = None;
         axis.release();
         axis.friction.reset();
         axis.inertia.reset();

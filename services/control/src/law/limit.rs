@@ -41,7 +41,7 @@ impl Axis {
     }
 
     /// The present reference: that of the last step if anti-windup held it back, otherwise that of
-    /// target and blend.
+    /// target and transition.
     pub(super) fn present_reference(&self, time_ns: u64) -> Motion {
         if self.held_back { self.reference } else { self.reference_at(time_ns) }
     }

@@ -3,8 +3,8 @@
 use ipc_types::{MotorCommand, Sample, Setpoint};
 use rig::CompensationKind;
 
-use super::blend::Motion;
 use super::compensation::motor_v;
+use super::transition::Motion;
 use super::{
     AUTHORITY_S, Axis, AxisLaw, FRICTION_SLEW_S, INERTIA_SLEW_S, Law, observer, slave_loop, within,
 };
@@ -34,7 +34,9 @@ impl Law {
             return true;
         }
         let peak_speed = live.map_or(0.0, |setpoint| setpoint.peak_speed[index].max(0.0));
-        let peak_speed = axis.blend.map_or(peak_speed, |blend| peak_speed.max(blend.peak_speed()));
+        let peak_speed = axis
+            .transition
+            .map_or(peak_speed, |transition| peak_speed.max(transition.peak_speed()));
         let reference = axis.master_reference(law, sample, index, peak_speed, elapsed_s);
         let friction_v = law.friction_wanted(&mut axis.options.windup, &reference, peak_speed);
         let friction_v =
@@ -60,7 +62,7 @@ impl Law {
         axis.output_v = limited_v;
         command.limited |= u8::from(limited_v != wanted_v);
         command.ramping |=
-            u8::from(axis.blend.is_some() || self.authority < 1.0 || carried_v != 0.0);
+            u8::from(axis.transition.is_some() || self.authority < 1.0 || carried_v != 0.0);
         command.volts[index] = self.authority * limited_v;
         command.feedforward_v[index] = self.authority * feedforward_v;
         command.reference_position[index] = reference.position;

@@ -23,8 +23,8 @@ use std::f64::consts::TAU;
 use plant::reflected_dynamics::ReflectedDynamics;
 use rig::SlaveLoop;
 
-use super::blend::Motion;
 use super::saturation::{bounded, soft_sign, within};
+use super::transition::Motion;
 
 /// Natural frequency of the filter on the offset (Hz).
 const SHAPING_HZ: f64 = 12.0;

@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use ipc_types::AXES;
 
-use super::job::{IlcJob, JOBS};
+use super::ilc_job::{IlcJob, JOBS};
 use super::{Player, Program};
 use crate::ilc_trial::{IlcResult, IlcTrials, Returned};
 

@@ -4,7 +4,7 @@
 use ipc_types::AXES;
 use rig::protocol::Movement;
 
-use super::notice::{Notice, Reason};
+use super::reports::{Notice, Reason};
 use super::{Change, Phase, Player, Program, seconds};
 use crate::range_finder::{FinderState, Measured, RangeFinder};
 

@@ -7,7 +7,7 @@ use rig::protocol::{Movement, Protocol};
 use rig::{ProtocolError, RigFile};
 
 use crate::ilc_update::Plan;
-use crate::trajectory::Track;
+use crate::prepared_movement::PreparedMovement;
 
 /// A protocol made ready for one machine.
 #[derive(Debug)]
@@ -27,9 +27,9 @@ pub struct Program {
 pub(super) struct Step {
     pub(super) label: String,
     pub(super) axis: usize,
-    pub(super) track: Track,
+    pub(super) track: PreparedMovement,
     /// Movements of other axes in the same segment.
-    pub(super) others: Vec<(usize, Track)>,
+    pub(super) others: Vec<(usize, PreparedMovement)>,
     /// Time of its beginning, from the start of the protocol (s).
     pub(super) begins_s: f64,
     /// The learning run, if the segment is one.
@@ -38,7 +38,7 @@ pub(super) struct Step {
 
 impl Step {
     /// Every axis that moves, with its movement.
-    pub(super) fn tracks(&self) -> impl Iterator<Item = (usize, &Track)> {
+    pub(super) fn tracks(&self) -> impl Iterator<Item = (usize, &PreparedMovement)> {
         std::iter::once((self.axis, &self.track))
             .chain(self.others.iter().map(|(axis, track)| (*axis, track)))
     }
@@ -51,8 +51,11 @@ impl Program {
     /// The errors of [`Protocol::check_against`].
     pub fn new(protocol: &Protocol, rig: &RigFile) -> Result<Self, ProtocolError> {
         protocol.check_against(rig)?;
-        let tracks: Vec<_> =
-            protocol.segments.iter().map(|segment| Track::new(segment.movement.clone())).collect();
+        let tracks: Vec<_> = protocol
+            .segments
+            .iter()
+            .map(|segment| PreparedMovement::new(segment.movement.clone()))
+            .collect();
         let plans: Vec<_> = protocol
             .segments
             .iter()
@@ -68,7 +71,7 @@ impl Program {
             let others = segment
                 .companions
                 .iter()
-                .map(|other| (other.axis, Track::new(other.movement.clone())));
+                .map(|other| (other.axis, PreparedMovement::new(other.movement.clone())));
             let others = others.collect();
             let duration_s = track.duration_s();
             let plan = plans[index].clone();

@@ -5,7 +5,7 @@ use rig::protocol::Movement;
 use rig::protocol::trajectory::{Point, stopping};
 
 use super::{Phase, Player, Program, is_given_away, seconds};
-use crate::field::put;
+use crate::field_setpoint::put;
 
 impl Player {
     /// Sets the rest positions to the measured ones, within the limits; a position that is not

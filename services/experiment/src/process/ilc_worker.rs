@@ -19,7 +19,7 @@ use crate::ilc_update::{IlcError, IlcState, IlcUpdater};
 use crate::player::{IlcJob, Program};
 use crate::trial_record::TrialRecord;
 
-use super::link::{Dropped, EVENT_CAPACITY};
+use super::thread_link::{Dropped, EVENT_CAPACITY};
 
 /// Polling period: short against the settling cycle of a block.
 const POLL_PERIOD: Duration = Duration::from_millis(2);

@@ -17,7 +17,7 @@ use crate::player::{Change, Program, Reason};
 use crate::state::PlayerState;
 
 use super::ilc_worker::find_references;
-use super::link::{ChangeReport, Order, Progress, RequestSide};
+use super::thread_link::{ChangeReport, Order, Progress, RequestSide};
 
 /// Longest time for the loop to take an order: it looks at each cycle.
 const TAKE_LIMIT: Duration = Duration::from_secs(1);

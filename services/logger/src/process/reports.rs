@@ -5,7 +5,7 @@ use runtime::PortError;
 use runtime::clock::ClockPair;
 
 use super::Logger;
-use crate::sink::Outcome;
+use crate::recorder_front_end::Outcome;
 
 impl Logger {
     /// Passes on a report of the writer thread: as an event, and as the answer to the request.
@@ -18,13 +18,13 @@ impl Logger {
                 ending_of(&path.to_string_lossy()).to_owned(),
             ),
             Outcome::Stopped(summary) => {
-                let lost = self.sink.status().lost;
+                let lost = self.recorder.status().lost;
                 let text = ending_of(&summary.path.to_string_lossy()).to_owned();
                 let values = [summary.written as f64, lost as f64, summary.bytes as f64];
                 (EventKind::RecordingStopped, Severity::Info, values, text)
             }
             Outcome::StoppedWithError { error, refused, .. } => {
-                let written = self.sink.status().written as f64;
+                let written = self.recorder.status().written as f64;
                 (
                     EventKind::RecordingStopped,
                     Severity::Error,
@@ -35,7 +35,7 @@ impl Logger {
             Outcome::Failed { error, .. } => (
                 EventKind::DataLost,
                 Severity::Error,
-                [self.sink.status().lost as f64, 0.0, 0.0],
+                [self.recorder.status().lost as f64, 0.0, 0.0],
                 error.clone(),
             ),
             Outcome::NotStarted { error, .. } => {
@@ -56,7 +56,7 @@ impl Logger {
             self.publish_counts()?;
         }
         if let Some(reply) = reply {
-            let _ = reply.send(self.sink.status());
+            let _ = reply.send(self.recorder.status());
         }
         Ok(())
     }
@@ -65,14 +65,14 @@ impl Logger {
         // Subscribers that joined since the last event get the history only through this.
         self.service.refresh_events();
         let lost = (0..TOPICS.len())
-            .map(|topic| self.sink.counters(topic))
+            .map(|topic| self.recorder.counters(topic))
             .map(|c| c.gaps + c.dropped + c.refused);
         let message = Heartbeat {
-            lost: lost.sum::<u64>() + self.sink.unknown(),
-            queued: self.sink.queued() as u64,
+            lost: lost.sum::<u64>() + self.recorder.unknown(),
+            queued: self.recorder.queued() as u64,
             pid: std::process::id(),
             source: Process::Logger.code(),
-            state: u8::from(self.sink.recording()),
+            state: u8::from(self.recorder.recording()),
             profile: self.service.domain().profile().code(),
             ..Heartbeat::default()
         };
@@ -83,13 +83,13 @@ impl Logger {
     /// Publishes the loss counters of all topics and the measurement of the clock.
     pub(super) fn publish_counts(&mut self) -> Result<(), PortError> {
         for topic in 0..TOPICS.len() {
-            self.losses.send(self.sink.counters(topic))?;
+            self.losses.send(self.recorder.counters(topic))?;
         }
         let pair = ClockPair::measure();
         self.clocks.send(ClockSync {
             monotonic_ns: pair.monotonic_ns,
             realtime_ns: pair.realtime_ns,
-            file_offset_ns: if self.sink.recording() { self.file_offset_ns } else { 0 },
+            file_offset_ns: if self.recorder.recording() { self.file_offset_ns } else { 0 },
             uncertainty_ns: pair.uncertainty_ns,
             ..ClockSync::default()
         })?;
@@ -100,10 +100,10 @@ impl Logger {
     /// What a failed disk refuses is reported once, when it fails, and counted from then on.
     pub(super) fn report_losses(&mut self) -> Result<(), PortError> {
         for (index, topic) in TOPICS.iter().enumerate() {
-            let counts = self.sink.losses(index);
+            let counts = self.recorder.losses(index);
             let lost = counts.gaps + counts.dropped;
             let reported = std::mem::replace(&mut self.reported_losses[index], lost);
-            if self.sink.recording() && lost > reported {
+            if self.recorder.recording() && lost > reported {
                 let text = format!(
                     "{}: in all {} did not reach the logger, {} found its queue full",
                     topic.name, counts.gaps, counts.dropped

@@ -15,11 +15,11 @@ use super::{
     join_configuration, make_node, parse_session, read_session, write_configuration,
 };
 use crate::clock::now_ns;
+use crate::host_stall::{HostStall, MEASURED_FOR};
 use crate::identity::random_u64;
 use crate::locks::LockFile;
 use crate::process_watch::ProcessWatch;
 use crate::shared_memory::SHARED_MEMORY;
-use crate::stall::{HostStall, MEASURED_FOR};
 use crate::{ports, realtime, request, stale_cleanup};
 
 /// The founder of a domain: holds every service open and cleans up after the dead; has no ports.

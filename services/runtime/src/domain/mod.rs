@@ -24,8 +24,8 @@ use error::{at, library};
 pub use keeper::Keeper;
 pub use name::RigName;
 
+use crate::host_stall::HostStall;
 use crate::locks::LockFile;
-use crate::stall::HostStall;
 
 const CONFIGURATION: &str = "iceoryx2.toml";
 const SESSION: &str = "session.toml";

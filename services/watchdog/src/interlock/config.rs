@@ -19,10 +19,10 @@ pub struct Config {
     pub peer_lost_ns: u64,
     /// The enable line toggles only while the newest sample is younger than this, so that the motor
     /// loses power before a dead acquisition counts as lost (ns).
-    pub line_pause_ns: u64,
+    pub enable_line_pause_ns: u64,
     /// Silence of the enable line that trips; shorter than the card's timeout, so that the card
     /// never drops and restores motor power without a trip (ns).
-    pub line_gap_ns: u64,
+    pub enable_line_gap_ns: u64,
     /// Time that the gate has to open after `enable` (ns).
     pub gate_open_ns: u64,
     /// Oldest token that a sample or a command may echo, and oldest sample that a command may
@@ -50,15 +50,15 @@ impl Config {
         line_override: bool,
     ) -> Self {
         let timeouts = Timeouts::of(profile);
-        let Timeouts { token_ns: token_life_ns, peer_lost_ns, line_pause_ns, .. } = timeouts;
+        let Timeouts { token_ns: token_life_ns, peer_lost_ns, enable_line_pause_ns, .. } = timeouts;
         Self {
             session,
             incarnation,
             profile,
             token_life_ns,
             peer_lost_ns,
-            line_pause_ns,
-            line_gap_ns: timeouts.line_gap_ns(),
+            enable_line_pause_ns,
+            enable_line_gap_ns: timeouts.enable_line_gap_ns(),
             gate_open_ns: peer_lost_ns * 5 / 2,
             echo_lost_ns: token_life_ns + peer_lost_ns,
             hold_ns: 2 * peer_lost_ns,

@@ -96,7 +96,7 @@ impl Quintic {
 /// remaining distance by a minimum-jerk movement. From zero initial acceleration the offset is
 /// never faster than its initial speed plus the peak speed of `approach`.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Blend {
+pub(super) struct Transition {
     begin_ns: u64,
     braking: Quintic,
     approach: Quintic,
@@ -112,7 +112,7 @@ pub(super) fn stopping_displacement(velocity: f64, stop_s: f64) -> f64 {
     0.5 * velocity * stop_s
 }
 
-impl Blend {
+impl Transition {
     /// An offset that brakes within `stop_s` (s) and covers the remaining distance in at least
     /// `ramp_s` (s), at no more than `speed` (rad/s or m/s).
     pub(super) fn new(
@@ -167,26 +167,27 @@ mod tests {
 
     #[test]
     fn starts_at_the_given_state_and_decays_to_zero() {
-        let blend = Blend::new(5, &OFFSET, 0.25, 0.4, 2.0);
-        let difference = blend.at(5).unwrap().minus(&OFFSET);
+        let transition = Transition::new(5, &OFFSET, 0.25, 0.4, 2.0);
+        let difference = transition.at(5).unwrap().minus(&OFFSET);
         assert!(difference.position.abs() < 1e-12 && difference.velocity.abs() < 1e-12);
         assert!(difference.acceleration.abs() < 1e-9);
         // Distance of 0.7 - 0.25 rad at no more than 2 rad/s.
         let end_ns = (PEAK_OVER_MEAN * 0.45 / 2.0 * 1e9) as u64;
-        let end = blend.at(end_ns - 10).unwrap();
+        let end = transition.at(end_ns - 10).unwrap();
         assert!(
             end.position.abs() < 1e-9 && end.velocity.abs() < 1e-6 && end.acceleration.abs() < 1e-2,
             "{end:?}"
         );
-        assert!(blend.at(end_ns + 20).is_none());
+        assert!(transition.at(end_ns + 20).is_none());
     }
 
     #[test]
     fn velocity_and_acceleration_are_the_derivatives() {
-        let blend = Blend::new(0, &OFFSET, 0.25, 0.4, 2.0);
+        let transition = Transition::new(0, &OFFSET, 0.25, 0.4, 2.0);
         let step = 1e-4;
         for k in (1..3999u64).filter(|k| !(2498..=2502).contains(k)) {
-            let [before, here, after] = [k - 1, k, k + 1].map(|k| blend.at(k * 100_000).unwrap());
+            let [before, here, after] =
+                [k - 1, k, k + 1].map(|k| transition.at(k * 100_000).unwrap());
             assert!(
                 ((after.position - before.position) / (2.0 * step) - here.velocity).abs() < 1e-4
             );
@@ -199,18 +200,18 @@ mod tests {
 
     #[test]
     fn from_rest_it_is_minimum_jerk() {
-        let blend = Blend::new(0, &Motion::at_rest(1.0), 0.25, 1.0, 9.0);
+        let transition = Transition::new(0, &Motion::at_rest(1.0), 0.25, 1.0, 9.0);
         let mut peak = 0.0f64;
         for k in 0..1000u64 {
             let x = k as f64 / 1000.0;
-            let offset = blend.at(k * 1_000_000).unwrap();
+            let offset = transition.at(k * 1_000_000).unwrap();
             let expected = 1.0 - x.powi(3) * (10.0 - 15.0 * x + 6.0 * x * x);
             assert!((offset.position - expected).abs() < 1e-12);
             peak = peak.max(offset.velocity.abs());
         }
         assert!(
             (peak - PEAK_OVER_MEAN).abs() < 1e-6
-                && (blend.peak_speed() - PEAK_OVER_MEAN).abs() < 1e-12
+                && (transition.peak_speed() - PEAK_OVER_MEAN).abs() < 1e-12
         );
     }
 
@@ -219,9 +220,10 @@ mod tests {
         for velocity in [-20.0, -3.0, 0.5, 12.0] {
             for position in [-3.0, 0.0, 1.0] {
                 let offset = Motion { position, velocity, acceleration: 0.0 };
-                let blend = Blend::new(0, &offset, 0.25, 0.5, 2.0);
+                let transition = Transition::new(0, &offset, 0.25, 0.5, 2.0);
                 for k in 0..20_000u64 {
-                    let speed = blend.at(k * 1_000_000).map_or(0.0, |offset| offset.velocity.abs());
+                    let speed =
+                        transition.at(k * 1_000_000).map_or(0.0, |offset| offset.velocity.abs());
                     assert!(speed <= velocity.abs() + 2.0 + 1e-9, "{speed} of {velocity}");
                 }
             }

@@ -3,10 +3,10 @@
 use plant::reflected_dynamics::ReflectedDynamics;
 use rig::ControlOptions;
 
-use super::blend::Motion;
 use super::observer::Disturbance;
 use super::saturation::within;
 use super::slave_loop::SlaveOffset;
+use super::transition::Motion;
 
 /// Replaces negative and non-finite limits and shares by 0.
 pub(super) fn sanitised(mut options: ControlOptions) -> ControlOptions {

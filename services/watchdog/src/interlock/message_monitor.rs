@@ -17,13 +17,13 @@ fn count(encoder: &Encoder) -> f64 {
 
 /// The samples seen.
 #[derive(Clone, Debug)]
-pub(super) struct SampleWatch {
+pub(super) struct SampleMonitor {
     pub(super) newest: Option<Sample>,
     master: [SpeedWindow; AXES],
     slave: [SpeedWindow; AXES],
 }
 
-impl SampleWatch {
+impl SampleMonitor {
     pub(super) const fn new() -> Self {
         Self { newest: None, master: [SpeedWindow::new(); AXES], slave: [SpeedWindow::new(); AXES] }
     }
@@ -88,11 +88,11 @@ impl SampleWatch {
 
 /// The commands seen.
 #[derive(Clone, Debug)]
-pub(super) struct CommandWatch {
+pub(super) struct CommandMonitor {
     pub(super) newest: Option<MotorCommand>,
 }
 
-impl CommandWatch {
+impl CommandMonitor {
     /// Takes a command; returns the faults that it shows.
     pub(super) fn observe(&mut self, command: &MotorCommand, config: &Config) -> FaultSet {
         let mut faults = FaultSet::NONE;

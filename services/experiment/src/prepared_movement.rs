@@ -7,13 +7,13 @@ use rig::protocol::{Field, Movement};
 /// A movement ready to be played: its peak speed is computed once, and evaluating it allocates
 /// nothing.
 #[derive(Clone, Debug)]
-pub struct Track {
+pub struct PreparedMovement {
     movement: Movement,
     /// Peak speed for the feed-forward (rad/s or m/s).
     peak_speed: f64,
 }
 
-impl Track {
+impl PreparedMovement {
     /// Prepares a movement.
     pub fn new(movement: Movement) -> Self {
         let peak_speed = movement.feedforward_speed();

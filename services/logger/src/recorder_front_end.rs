@@ -1,28 +1,28 @@
 //! The logger's core: counts every message, hands it to the writer thread, and accounts for what
 //! was lost.
 //!
-//! The process loop owns a [`Sink`]. It pushes every message that it takes out of shared memory,
-//! sets the time once a cycle, and collects what the writer thread reports. None of these calls
-//! waits for the disk.
+//! The process loop owns a [`RecorderFrontEnd`]. It pushes every message that it takes out of
+//! shared memory, sets the time once a cycle, and collects what the writer thread reports. None of
+//! these calls waits for the disk.
 //!
 //! ```no_run
-//! # use logger::sink::{Sink, Outcome, StartRequest};
+//! # use logger::recorder_front_end::{RecorderFrontEnd, Outcome, StartRequest};
 //! # use std::path::PathBuf;
 //! # fn monotonic_ns() -> u64 { 0 }
 //! # fn messages() -> Vec<(usize, Vec<u8>)> { vec![] }
-//! let mut sink = Sink::new(Some(PathBuf::from("/run/farreach/rig")))?;
-//! sink.start(StartRequest { path: "/data/run.mcap".into(), ..StartRequest::default() })?;
+//! let mut recorder = RecorderFrontEnd::new(Some(PathBuf::from("/run/farreach/rig")))?;
+//! recorder.start(StartRequest { path: "/data/run.mcap".into(), ..StartRequest::default() })?;
 //! loop {
 //!     for (topic, bytes) in messages() {
-//!         sink.push(topic, &bytes);
+//!         recorder.push(topic, &bytes);
 //!     }
-//!     sink.tick(monotonic_ns());
-//!     while let Some(outcome) = sink.poll() {
+//!     recorder.tick(monotonic_ns());
+//!     while let Some(outcome) = recorder.poll() {
 //!         if let Outcome::Stopped(_) = outcome { /* answer the request */ }
 //!     }
 //!     # break;
 //! }
-//! # Ok::<(), logger::sink::SinkError>(())
+//! # Ok::<(), logger::recorder_front_end::RecorderError>(())
 //! ```
 
 use std::collections::BTreeMap;
@@ -42,7 +42,7 @@ use crate::writer_thread::{Opener, open_file, run};
 
 /// Why a request was refused.
 #[derive(Debug, thiserror::Error)]
-pub enum SinkError {
+pub enum RecorderError {
     /// One recording at a time.
     #[error("already recording to {}: stop that first", path.display())]
     Recording {
@@ -77,7 +77,7 @@ struct Count {
 
 /// Counts messages and hands them to the writer thread; see the module.
 #[derive(Debug)]
-pub struct Sink {
+pub struct RecorderFrontEnd {
     queue: Arc<Queue>,
     shared: Arc<Shared>,
     commands: Sender<Command>,
@@ -95,24 +95,24 @@ pub struct Sink {
     error: String,
 }
 
-impl Sink {
+impl RecorderFrontEnd {
     /// Starts the writer thread. `state_directory` is where the state is saved; `None` saves none.
     ///
     /// # Errors
-    /// [`SinkError::Thread`].
-    pub fn new(state_directory: Option<PathBuf>) -> Result<Self, SinkError> {
+    /// [`RecorderError::Thread`].
+    pub fn new(state_directory: Option<PathBuf>) -> Result<Self, RecorderError> {
         Self::with(state_directory, SLOTS, Box::new(open_file))
     }
 
     /// As [`Self::new`], with a queue of `slots` messages and another way to open files.
     ///
     /// # Errors
-    /// [`SinkError::Thread`].
+    /// [`RecorderError::Thread`].
     pub fn with(
         state_directory: Option<PathBuf>,
         slots: usize,
         opener: Opener,
-    ) -> Result<Self, SinkError> {
+    ) -> Result<Self, RecorderError> {
         let counters = || TOPICS.iter().map(|_| AtomicU64::new(0)).collect();
         let queue = Arc::new(Queue::new(slots.max(1)));
         let shared = Arc::new(Shared {
@@ -137,7 +137,7 @@ impl Sink {
                     )
                 }
             })
-            .map_err(|error| SinkError::Thread { what: error.to_string() })?;
+            .map_err(|error| RecorderError::Thread { what: error.to_string() })?;
         Ok(Self {
             queue,
             shared,
@@ -190,13 +190,13 @@ impl Sink {
     /// created comes as an [`Outcome`].
     ///
     /// # Errors
-    /// [`SinkError::Recording`], [`SinkError::RelativePath`], [`SinkError::Thread`].
-    pub fn start(&mut self, mut request: StartRequest) -> Result<(), SinkError> {
+    /// [`RecorderError::Recording`], [`RecorderError::RelativePath`], [`RecorderError::Thread`].
+    pub fn start(&mut self, mut request: StartRequest) -> Result<(), RecorderError> {
         if let Some(path) = &self.recording {
-            return Err(SinkError::Recording { path: path.clone() });
+            return Err(RecorderError::Recording { path: path.clone() });
         }
         if !request.path.is_absolute() {
-            return Err(SinkError::RelativePath { path: request.path });
+            return Err(RecorderError::RelativePath { path: request.path });
         }
         self.part_began_ns = self.shared.now_ns.load(Ordering::Relaxed);
         if request.began_ns == 0 {
@@ -225,8 +225,8 @@ impl Sink {
     /// map says that none is played any more.
     ///
     /// # Errors
-    /// [`SinkError::Thread`].
-    pub fn note_run(&mut self, run: BTreeMap<String, String>) -> Result<(), SinkError> {
+    /// [`RecorderError::Thread`].
+    pub fn note_run(&mut self, run: BTreeMap<String, String>) -> Result<(), RecorderError> {
         if self.recording.is_none() || self.stopping {
             return Ok(());
         }
@@ -237,10 +237,10 @@ impl Sink {
     /// [`Outcome`].
     ///
     /// # Errors
-    /// [`SinkError::NotRecording`], [`SinkError::Thread`].
-    pub fn stop(&mut self) -> Result<(), SinkError> {
+    /// [`RecorderError::NotRecording`], [`RecorderError::Thread`].
+    pub fn stop(&mut self) -> Result<(), RecorderError> {
         if self.recording.is_none() || self.stopping {
-            return Err(SinkError::NotRecording);
+            return Err(RecorderError::NotRecording);
         }
         self.send(Command::Stop { losses: self.all_losses() })?;
         self.stopping = true;
@@ -347,10 +347,10 @@ impl Sink {
         }
     }
 
-    fn send(&self, command: Command) -> Result<(), SinkError> {
+    fn send(&self, command: Command) -> Result<(), RecorderError> {
         self.commands
             .send(command)
-            .map_err(|_| SinkError::Thread { what: "it ended".to_owned() })?;
+            .map_err(|_| RecorderError::Thread { what: "it ended".to_owned() })?;
         if let Some(thread) = &self.thread {
             thread.thread().unpark();
         }
@@ -358,7 +358,7 @@ impl Sink {
     }
 }
 
-impl Drop for Sink {
+impl Drop for RecorderFrontEnd {
     /// Ends an open file cleanly but keeps its state: a logger that is restarted continues with the
     /// next part.
     fn drop(&mut self) {

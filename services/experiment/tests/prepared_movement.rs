@@ -3,7 +3,7 @@
 
 use std::f64::consts::TAU;
 
-use experiment::trajectory::Track;
+use experiment::prepared_movement::PreparedMovement;
 use ipc_types::Mode;
 use proptest::prelude::*;
 use rig::protocol::trajectory::{Point, stopping};
@@ -68,7 +68,7 @@ fn movements() -> impl Strategy<Value = Movement> {
 
 /// Scales against which small differences are judged: speed and acceleration that the movement can
 /// reach.
-fn scales(track: &Track, start: f64) -> (f64, f64) {
+fn scales(track: &PreparedMovement, start: f64) -> (f64, f64) {
     let points: Vec<_> =
         (0..=2000).map(|i| track.at(start, track.duration_s() * f64::from(i) / 2000.0)).collect();
     let speed = points.iter().map(|point| point.velocity.abs()).fold(0.0, f64::max);
@@ -88,7 +88,7 @@ proptest! {
     fn velocity_is_the_derivative_of_position_and_acceleration_of_velocity(
         movement in movements(), start in -1.0..1.0_f64, part in 0.0..1.0_f64,
     ) {
-        let track = Track::new(movement);
+        let track = PreparedMovement::new(movement);
         let h = 1e-5;
         let t = h + part * (track.duration_s() - 2.0 * h);
         let [before, here, after] = [t - h, t, t + h].map(|t| track.at(start, t));
@@ -104,7 +104,7 @@ proptest! {
     #[test]
     fn it_begins_and_ends_at_rest_where_it_says(movement in movements(), start in -1.0..1.0_f64) {
         let end = movement.end(Some(start)).unwrap_or(start);
-        let track = Track::new(movement);
+        let track = PreparedMovement::new(movement);
         let (speed, acceleration) = scales(&track, start);
         for (t, position) in [(0.0, start), (track.duration_s(), end)] {
             let point = track.at(start, t);
@@ -120,7 +120,7 @@ proptest! {
     ) {
         let (least, most) = hull(&movement, start);
         let bound = movement.peak_speed_from(start);
-        let track = Track::new(movement);
+        let track = PreparedMovement::new(movement);
         for i in 0..=1000 {
             let point = track.at(start, track.duration_s() * f64::from(i) / 1000.0);
             prop_assert!(point.position >= least - 1e-9, "{point:?} {least}");
@@ -131,7 +131,7 @@ proptest! {
 
     #[test]
     fn it_is_continuous_up_to_acceleration(movement in movements(), start in -1.0..1.0_f64) {
-        let track = Track::new(movement);
+        let track = PreparedMovement::new(movement);
         let (speed, acceleration) = scales(&track, start);
         let h = 1e-4;
         let steps = (track.duration_s() / h) as usize;
@@ -153,7 +153,7 @@ proptest! {
         movement in movements(), start in -1.0..1.0_f64, part in 0.0..1.0_f64,
     ) {
         let (least, most) = hull(&movement, start);
-        let track = Track::new(movement);
+        let track = PreparedMovement::new(movement);
         let (stopped, fade) = (part * track.duration_s(), 0.5);
         let hold = track.at(start, stopped).position;
         let at = |since: f64| stopping(track.at(start, stopped + since), hold, since, fade);
@@ -177,7 +177,7 @@ fn envelope(centre: f64) -> Envelope {
 
 #[test]
 fn the_full_sine_is_the_sine() {
-    let track = Track::new(Movement::GuidedSine(GuidedSine {
+    let track = PreparedMovement::new(Movement::GuidedSine(GuidedSine {
         line: Line { amplitude: 0.5, frequency_hz: 1.0, phase: 0.0 },
         envelope: envelope(0.1),
     }));
@@ -197,13 +197,13 @@ fn a_multisine_knows_its_peak_speed() {
         envelope: envelope(0.0),
     });
     // both cosines are 1 at t = 0
-    let peak = Track::new(movement).at(0.0, 5.0).peak_speed;
+    let peak = PreparedMovement::new(movement).at(0.0, 5.0).peak_speed;
     assert!((peak - TAU * 0.4).abs() < 1e-9, "{peak}");
 }
 
 #[test]
 fn steps_rise_and_dwell() {
-    let track = Track::new(Movement::Steps(Steps {
+    let track = PreparedMovement::new(Movement::Steps(Steps {
         positions: vec![1.0, -1.0],
         dwell_s: 1.0,
         rise_s: 0.5,
@@ -218,13 +218,24 @@ fn steps_rise_and_dwell() {
 
 #[test]
 fn modes_follow_the_movement() {
-    let hold =
-        Track::new(Movement::Hold(Hold { position: Some(0.5), rise_s: 1.0, duration_s: 2.0 }));
+    let hold = PreparedMovement::new(Movement::Hold(Hold {
+        position: Some(0.5),
+        rise_s: 1.0,
+        duration_s: 2.0,
+    }));
     assert_eq!(hold.mode(0.5), Mode::Position);
     assert_eq!(hold.mode(1.5), Mode::Hold);
-    assert_eq!(Track::new(Movement::Rest(Rest { duration_s: 1.0 })).mode(0.5), Mode::Passive);
     assert_eq!(
-        Track::new(Movement::Hold(Hold { position: None, rise_s: 0.5, duration_s: 1.0 })).mode(0.0),
+        PreparedMovement::new(Movement::Rest(Rest { duration_s: 1.0 })).mode(0.5),
+        Mode::Passive
+    );
+    assert_eq!(
+        PreparedMovement::new(Movement::Hold(Hold {
+            position: None,
+            rise_s: 0.5,
+            duration_s: 1.0
+        }))
+        .mode(0.0),
         Mode::Hold
     );
 }
@@ -233,7 +244,7 @@ fn modes_follow_the_movement() {
 fn a_ramp_goes_at_its_speed_and_a_short_one_slower() {
     let ramp =
         |position| Movement::Ramp(Ramp { position, speed: 0.5, ease_s: 0.2, duration_s: 10.0 });
-    let long = Track::new(ramp(2.0));
+    let long = PreparedMovement::new(ramp(2.0));
     for t in [0.2, 1.0, 2.0, 4.0] {
         let point = long.at(0.0, t);
         assert!(
@@ -243,10 +254,10 @@ fn a_ramp_goes_at_its_speed_and_a_short_one_slower() {
         );
     }
     assert_eq!(long.at(0.0, 4.2), Point::at_rest(2.0));
-    let short = Track::new(ramp(0.05));
+    let short = PreparedMovement::new(ramp(0.05));
     assert!((short.at(0.0, 0.2).velocity - 0.25).abs() < 1e-12);
     assert_eq!(short.at(0.0, 0.4), Point::at_rest(0.05));
-    assert_eq!(Track::new(ramp(0.3)).at(0.3, 1.0), Point::at_rest(0.3), "nowhere to go");
+    assert_eq!(PreparedMovement::new(ramp(0.3)).at(0.3, 1.0), Point::at_rest(0.3), "nowhere to go");
 }
 
 #[test]
