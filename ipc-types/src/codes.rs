@@ -1,13 +1,15 @@
 //! The codes that messages carry as `u8`.
 
+/// Defines enumerations whose values messages carry as `u8`: `Variant = code, "in words";`, the
+/// meaning as documentation.
 macro_rules! codes {
-    (
+    ($(
         $(#[doc = $doc:literal])+
         $name:ident {
             $($(#[doc = $vdoc:literal])+ $(#[serde($serde:meta)])? $variant:ident = $value:literal,
                 $text:literal;)+
         }
-    ) => {
+    )+) => {$(
         $(#[doc = $doc])+
         #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
         #[derive(serde::Serialize, serde::Deserialize)]
@@ -50,7 +52,7 @@ macro_rules! codes {
                 f.pad(self.text())
             }
         }
-    };
+    )+};
 }
 
 pub(crate) use codes;
@@ -66,9 +68,7 @@ codes! {
         #[serde(rename = "burnt")]
         LatchedClosed = 2, "latched closed";
     }
-}
 
-codes! {
     /// Why the gate closed and ended an enable epoch.
     GateCause {
         /// Nothing was wrong so far.
@@ -110,9 +110,7 @@ codes! {
         /// Epochs went backwards.
         EpochBackwards = 18, "epoch went backwards";
     }
-}
 
-codes! {
     /// State of the watchdog.
     WatchdogState {
         /// A fault is active, or was since the last reset; no power.
@@ -126,9 +124,7 @@ codes! {
         /// Power was cut by a fault or by `estop`; latched until `reset`.
         Tripped = 4, "tripped";
     }
-}
 
-codes! {
     /// Why the watchdog faulted or tripped.
     TripCause {
         /// Nothing was wrong so far.
@@ -183,9 +179,7 @@ codes! {
         /// Acquisition's card has no outputs (a replayed record, no card).
         NoOutput = 24, "no output behind acquisition";
     }
-}
 
-codes! {
     /// What control does.
     Mode {
         /// 0 V.
@@ -208,23 +202,7 @@ codes! {
         /// from block to block.
         Learning = 7, "learning";
     }
-}
 
-impl Mode {
-    /// Whether the setpoint moves: position, velocity and acceleration are followed, not the
-    /// position alone.
-    pub const fn moves(self) -> bool {
-        matches!(self, Self::Position | Self::Initialise | Self::Learning)
-    }
-
-    /// Whether the handle is force-controlled: it follows the hand, which feels the setpoint's
-    /// force field.
-    pub const fn is_force_controlled(self) -> bool {
-        matches!(self, Self::Impedance | Self::Rhythm)
-    }
-}
-
-codes! {
     /// What timing the machine grants.
     Profile {
         /// `SCHED_FIFO` granted.
@@ -232,9 +210,7 @@ codes! {
         /// Unprivileged: longer lives of token and command, simulated card only.
         BestEffort = 1, "best-effort";
     }
-}
 
-codes! {
     /// How bad an event is.
     Severity {
         /// As intended.
@@ -244,9 +220,7 @@ codes! {
         /// Power was cut or data was lost.
         Error = 2, "error";
     }
-}
 
-codes! {
     /// What happened.
     EventKind {
         /// A process is ready.
@@ -291,5 +265,19 @@ codes! {
         SetpointRefused = 18, "setpoint refused";
         /// The beat of a rhythm: `a` where the hand should be (rad or m), `b` its number from 1.
         Beat = 19, "beat";
+    }
+}
+
+impl Mode {
+    /// Whether the setpoint moves: position, velocity and acceleration are followed, not the
+    /// position alone.
+    pub const fn moves(self) -> bool {
+        matches!(self, Self::Position | Self::Initialise | Self::Learning)
+    }
+
+    /// Whether the handle is force-controlled: it follows the hand, which feels the setpoint's
+    /// force field.
+    pub const fn is_force_controlled(self) -> bool {
+        matches!(self, Self::Impedance | Self::Rhythm)
     }
 }

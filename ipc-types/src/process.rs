@@ -5,7 +5,8 @@ use crate::CardKind;
 use crate::codes::codes;
 
 /// Takes the processes with their codes and names, and with the entry of each that is a part of the
-/// rig. `topics: [event 9]` gives each topic its place in the table of topics.
+/// rig: what differs from [`STANDARD`]. `topics: [event 9]` gives each topic its place in the table
+/// of topics.
 macro_rules! processes {
     ($(
         $(#[doc = $doc:literal])+
@@ -28,6 +29,7 @@ macro_rules! processes {
                 place: $place,
             },)*],
             $($entry)+
+            ..STANDARD
         },)?)+];
     };
 }
@@ -36,12 +38,8 @@ processes! {
     /// Creates the rig's shared memory, holds it open, cleans up after processes that died.
     Keeper = 0, "keeper" {
         topics: [],
-        after: &[],
-        card: None,
-        real_time: None,
         silence_s: 5,
         stop_s: 5,
-        oom_score: -900,
         unit: "# Finds out whether real-time scheduling is granted to the rig; itself it runs \
                without.\nLimitRTPRIO=90\n",
     };
@@ -51,32 +49,19 @@ processes! {
         after: &[Process::Keeper, Process::Logger],
         card: Some(CardKind::Simulated),
         real_time: Some(RealTimeLoop { priority: 75, rate_hz: 2000, phase_us: 0 }),
-        silence_s: 2,
-        stop_s: 3,
         oom_score: -500,
-        unit: "",
     };
     /// Reads the card, publishes samples, writes motor voltages through the gate.
     Acquisition = 2, "acquisition" {
         topics: [event 10, timing 18],
         after: &[Process::Keeper, Process::Logger, Process::Simulator],
-        card: None,
         real_time: Some(RealTimeLoop { priority: 80, rate_hz: 2000, phase_us: 80 }),
-        silence_s: 2,
-        stop_s: 3,
-        oom_score: -900,
-        unit: "",
     };
     /// The control law.
     Control = 3, "control" {
         topics: [event 11, timing 19],
         after: &[Process::Keeper, Process::Logger, Process::Acquisition],
-        card: None,
         real_time: Some(RealTimeLoop { priority: 70, rate_hz: 500, phase_us: 200 }),
-        silence_s: 2,
-        stop_s: 3,
-        oom_score: -900,
-        unit: "",
     };
     /// The interlocks and the motor's enable line. Starts last, and stops first, which removes
     /// motor power.
@@ -86,29 +71,20 @@ processes! {
             Process::Keeper, Process::Logger, Process::Simulator, Process::Acquisition,
             Process::Control, Process::Experiment,
         ],
-        card: None,
         real_time: Some(RealTimeLoop { priority: 85, rate_hz: 1000, phase_us: 350 }),
-        silence_s: 2,
-        stop_s: 3,
-        oom_score: -900,
-        unit: "",
     };
     /// Writes all topics to disk. Starts before the processes that it records and stops after them.
     Logger = 5, "logger" {
         topics: [event 13, heartbeat 15],
         after: &[Process::Keeper],
-        card: None,
-        real_time: None,
         silence_s: 5,
         stop_s: 20,
         oom_score: -500,
-        unit: "",
     };
     /// Plays protocols.
     Experiment = 6, "experiment" {
         topics: [event 14, heartbeat 16, timing 21],
         after: &[Process::Keeper, Process::Logger, Process::Acquisition, Process::Control],
-        card: None,
         real_time: Some(RealTimeLoop { priority: 30, rate_hz: 500, phase_us: 420 }),
         silence_s: 5,
         stop_s: 5,
@@ -144,6 +120,19 @@ pub struct ProcessEntry {
     /// Further lines of its unit file's `[Service]` section, for systemd alone.
     pub unit: &'static str,
 }
+
+/// An entry without particulars.
+const STANDARD: ProcessEntry = ProcessEntry {
+    process: Process::Keeper,
+    topics: &[],
+    after: &[],
+    card: None,
+    real_time: None,
+    silence_s: 2,
+    stop_s: 3,
+    oom_score: -900,
+    unit: "",
+};
 
 /// A topic that several processes have, each its own.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
