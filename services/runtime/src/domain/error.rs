@@ -106,7 +106,7 @@ fn hint(error: &io::Error) -> &'static str {
     }
 }
 
-pub(super) fn at(action: &'static str, path: &Path) -> impl FnOnce(io::Error) -> DomainError {
+pub(crate) fn at(action: &'static str, path: &Path) -> impl FnOnce(io::Error) -> DomainError {
     move |source| DomainError::Io { action, path: path.to_path_buf(), source }
 }
 

@@ -45,19 +45,17 @@ impl Keeper {
     /// Founds the domain of a rig, or rejoins it if processes of it live on.
     pub fn start(name: &RigName) -> Result<Self, DomainError> {
         let directory = name.make_directory()?;
-        let keeper_path = directory.join(KEEPER_LOCK);
-        let keeper = LockFile::open(&keeper_path).map_err(at("opening", &keeper_path))?;
+        let keeper = LockFile::open(directory.join(KEEPER_LOCK))?;
         // A worker that looks whether a keeper lives holds this lock for a moment.
         let started = Instant::now();
-        while !keeper.try_exclusive().map_err(at("locking", &keeper_path))? {
+        while !keeper.try_exclusive()? {
             if started.elapsed() > Duration::from_millis(300) {
                 return Err(DomainError::AlreadyKept(name.to_string()));
             }
             std::thread::sleep(Duration::from_millis(10));
         }
-        let alive_path = directory.join(ALIVE_LOCK);
-        let alive = LockFile::open(&alive_path).map_err(at("opening", &alive_path))?;
-        let cold = alive.try_exclusive().map_err(at("locking", &alive_path))?;
+        let alive = LockFile::open(directory.join(ALIVE_LOCK))?;
+        let cold = alive.try_exclusive()?;
         let session_path = directory.join(SESSION);
         if cold {
             match fs::remove_file(&session_path) {
@@ -74,7 +72,7 @@ impl Keeper {
             let file = new_session(prefix);
             Self::found(name, &directory, file, true, alive, keeper)
         } else if session_path.exists() {
-            if !alive.try_shared().map_err(at("locking", &alive_path))? {
+            if !alive.try_shared()? {
                 return Err(DomainError::BrokenStart(name.to_string()));
             }
             let file = read_session(&directory)?;
@@ -128,7 +126,7 @@ impl Keeper {
                 .map_err(|e| library("writing the session")(e.to_string()))?;
             let path = directory.join(SESSION);
             files::replace(&path, text).map_err(at("writing", &path))?;
-            kept.alive.try_shared().map_err(at("locking", &path))?;
+            kept.alive.try_shared()?;
         }
         Ok(kept)
     }
@@ -188,7 +186,7 @@ impl Keeper {
         drop(services);
         drop(node);
         let directory = name.directory();
-        let alone = alive.try_exclusive().map_err(at("locking", &directory.join(ALIVE_LOCK)))?;
+        let alone = alive.try_exclusive()?;
         if alone {
             let session = directory.join(SESSION);
             fs::remove_file(&session).map_err(at("removing", &session))?;

@@ -20,7 +20,8 @@ use ipc_types::Profile;
 use serde::{Deserialize, Serialize};
 
 pub use error::DomainError;
-use error::{at, library};
+pub(crate) use error::at;
+use error::library;
 pub use keeper::Keeper;
 pub use name::RigName;
 
@@ -76,18 +77,16 @@ impl Domain {
 
     fn join(name: &RigName) -> Result<Self, DomainError> {
         let directory = name.directory();
-        if !directory.join(KEEPER_LOCK).exists() {
+        let keeper_path = directory.join(KEEPER_LOCK);
+        if !keeper_path.exists() {
             return Err(DomainError::NoKeeper(name.to_string()));
         }
-        let alive_path = directory.join(ALIVE_LOCK);
-        let keeper_path = directory.join(KEEPER_LOCK);
         let started = Instant::now();
         loop {
-            let alive = LockFile::open(&alive_path).map_err(at("opening", &alive_path))?;
-            if alive.try_shared().map_err(at("locking", &alive_path))? {
+            let alive = LockFile::open(directory.join(ALIVE_LOCK))?;
+            if alive.try_shared()? {
                 // The keeper holds its lock exclusively for as long as it lives.
-                let keeper = LockFile::open(&keeper_path).map_err(at("opening", &keeper_path))?;
-                if keeper.try_shared().map_err(at("locking", &keeper_path))? {
+                if LockFile::open(keeper_path.clone())?.try_shared()? {
                     return Err(DomainError::NoKeeper(name.to_string()));
                 }
                 if directory.join(SESSION).exists() {
@@ -148,7 +147,7 @@ impl Domain {
 
     /// Whether the keeper lives, found out through its lock. Not for a real-time loop.
     pub fn keeper_lives(&self) -> bool {
-        LockFile::open(&self.name.directory().join(KEEPER_LOCK))
+        LockFile::open(self.name.directory().join(KEEPER_LOCK))
             .and_then(|lock| lock.try_shared())
             .is_ok_and(|free| !free)
     }

@@ -98,12 +98,9 @@ impl RigName {
                 .map(|()| true)
                 .map_err(at("cleaning", &directory));
         }
-        let keeper_path = directory.join(KEEPER_LOCK);
-        let keeper = LockFile::open(&keeper_path).map_err(at("opening", &keeper_path))?;
-        let alive_path = directory.join(ALIVE_LOCK);
-        let alive = LockFile::open(&alive_path).map_err(at("opening", &alive_path))?;
-        let free = keeper.try_exclusive().map_err(at("locking", &keeper_path))?
-            && alive.try_exclusive().map_err(at("locking", &alive_path))?;
+        let keeper = LockFile::open(directory.join(KEEPER_LOCK))?;
+        let alive = LockFile::open(directory.join(ALIVE_LOCK))?;
+        let free = keeper.try_exclusive()? && alive.try_exclusive()?;
         if free {
             stale_cleanup::segments(&self.segment_prefix()).map_err(at("cleaning", &directory))?;
             fs::remove_dir_all(&directory).map_err(at("removing", &directory))?;
