@@ -1,7 +1,6 @@
 //! Messages in the order of log time, however they were written.
 
-use std::cmp::{Ordering, Reverse};
-use std::collections::BinaryHeap;
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use super::{RawMessage, ReadError, Recording, Selection};
@@ -17,32 +16,9 @@ pub struct Sorted<'a> {
     selection: Selection,
     /// time of the first message and index of each block still to be loaded, the earliest last
     blocks: Vec<(u64, usize)>,
-    loaded: BinaryHeap<Reverse<Entry>>,
+    /// messages by time, block and place in it
+    loaded: BTreeMap<(u64, usize, usize), RawMessage>,
     buffer: Vec<u8>,
-}
-
-/// A message, ordered by time and place in the file.
-#[derive(Debug)]
-struct Entry {
-    key: (u64, usize, usize),
-    message: RawMessage,
-}
-
-impl PartialEq for Entry {
-    fn eq(&self, other: &Self) -> bool {
-        self.key == other.key
-    }
-}
-impl Eq for Entry {}
-impl PartialOrd for Entry {
-    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
-        Some(self.cmp(other))
-    }
-}
-impl Ord for Entry {
-    fn cmp(&self, other: &Self) -> Ordering {
-        self.key.cmp(&other.key)
-    }
 }
 
 impl Recording {
@@ -67,7 +43,7 @@ impl Recording {
             blocks.push((first_ns, index));
         }
         blocks.sort_unstable_by(|a, b| b.cmp(a));
-        Sorted { recording: self, selection, blocks, loaded: BinaryHeap::new(), buffer }
+        Sorted { recording: self, selection, blocks, loaded: BTreeMap::new(), buffer }
     }
 }
 
@@ -78,7 +54,7 @@ impl Sorted<'_> {
         for (at, &head) in block.heads.iter().enumerate() {
             if self.selection.wants(&head) {
                 let message = RawMessage { block: Arc::clone(&block), head };
-                self.loaded.push(Reverse(Entry { key: (head.log_time_ns, index, at), message }));
+                self.loaded.insert((head.log_time_ns, index, at), message);
             }
         }
         Ok(())
@@ -90,7 +66,7 @@ impl Iterator for Sorted<'_> {
 
     fn next(&mut self) -> Option<Self::Item> {
         while let Some(&(first_ns, index)) = self.blocks.last() {
-            if self.loaded.peek().is_some_and(|Reverse(entry)| entry.key.0 < first_ns) {
+            if self.loaded.first_key_value().is_some_and(|((time_ns, ..), _)| *time_ns < first_ns) {
                 break;
             }
             self.blocks.pop();
@@ -98,6 +74,6 @@ impl Iterator for Sorted<'_> {
                 return Some(Err(error));
             }
         }
-        self.loaded.pop().map(|Reverse(entry)| Ok(entry.message))
+        self.loaded.pop_first().map(|(_, message)| Ok(message))
     }
 }
