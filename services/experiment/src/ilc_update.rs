@@ -53,7 +53,7 @@ impl Plan {
                 rig_name: rig.name.clone(),
                 axis: axis as u32,
                 rate_hz: rig.rates.control_hz,
-                steps: cycle,
+                period_s: cycle as f64 / f64::from(rig.rates.control_hz),
                 amplitude: learn.amplitude,
                 centre: learn.centre,
                 feedforward: learn.feedforward,

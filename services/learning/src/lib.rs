@@ -39,7 +39,6 @@ pub use realfft::num_complex::Complex;
 pub use state::LearnerState;
 
 use cycle_block::Block;
-use published_law::PublishedRule;
 use serde::{Deserialize, Serialize};
 use spectral::Spectral;
 use thiserror::Error;
@@ -167,33 +166,16 @@ pub struct ReferencePoint {
     pub acceleration: f64,
 }
 
-#[derive(Clone, Debug)]
-enum Rule {
-    Published(PublishedRule),
-    ModelBased(ModelBased),
-}
-
-#[derive(Clone, Debug)]
-struct Best {
-    error: f64,
-    reference: Vec<f64>,
-}
-
 /// Learns the master's reference for one axis and one periodic movement.
 #[derive(Debug)]
 pub struct Learner {
     config: LearnerConfig,
     spectral: Spectral,
-    rule: Rule,
     desired: Vec<f64>,
-    reference: Vec<f64>,
     points: Vec<ReferencePoint>,
     peak_speed: f64,
     block: Block,
-    blocks: usize,
-    best: Option<Best>,
-    worse: usize,
-    frozen: Option<Frozen>,
+    state: LearnerState,
 }
 
 impl Learner {
@@ -231,24 +213,13 @@ impl Learner {
                 found: format!("{outside}, limits {low} to {high}"),
             });
         }
-        let rule = match &config.law {
-            LearningLaw::Published(law) => {
-                Rule::Published(PublishedRule::new(*law, config.rate_hz))
-            }
-            LearningLaw::ModelBased(law) => Rule::ModelBased(law.clone()),
-        };
         let mut learner = Self {
             spectral: Spectral::new(desired.len(), config.rate_hz),
-            rule,
             desired: desired.to_vec(),
-            reference: reference.to_vec(),
             points: vec![ReferencePoint::default(); desired.len()],
             peak_speed: 0.0,
             block: Block::new(desired.len()),
-            blocks: 0,
-            best: None,
-            worse: 0,
-            frozen: None,
+            state: LearnerState { reference: reference.to_vec(), ..LearnerState::default() },
             config,
         };
         learner.compute_points();
@@ -287,29 +258,19 @@ impl Learner {
 
     /// The current reference, one position per step (rad or m).
     pub fn reference(&self) -> &[f64] {
-        &self.reference
+        &self.state.reference
     }
 
     /// The reference of the block with the smallest error, one position per step (rad or m); the
     /// current one before the first measured block.
     pub fn best_reference(&self) -> &[f64] {
-        self.best.as_ref().map_or(&self.reference, |best| &best.reference)
+        self.state.best.as_ref().map_or(&self.state.reference, |(_, best)| best)
     }
 
     /// Error of the best block: mean absolute error over its settled cycles (rad or m); `None`
     /// before the first measured block.
     pub fn best_error(&self) -> Option<f64> {
-        self.best.as_ref().map(|best| best.error)
-    }
-
-    /// Number of finished blocks.
-    pub fn blocks(&self) -> usize {
-        self.blocks
-    }
-
-    /// The configuration.
-    pub fn config(&self) -> &LearnerConfig {
-        &self.config
+        self.state.best.as_ref().map(|(error, _)| *error)
     }
 
     /// The master's reference over one cycle, one point per control step.
@@ -319,7 +280,7 @@ impl Learner {
 
     /// Why learning ended; `None` while it continues.
     pub fn frozen(&self) -> Option<Frozen> {
-        self.frozen
+        self.state.frozen
     }
 
     /// Records the slave's position (rad or m) at a control step of this block, counted from 0.
@@ -333,46 +294,42 @@ impl Learner {
     /// Ends the block and updates the reference. Takes several Fourier transforms of a cycle: call
     /// it outside the real-time loop.
     pub fn finish_block(&mut self) -> BlockReport {
-        self.blocks += 1;
-        let errors = self.block.errors();
-        let report = |learner: &Self, outcome| BlockReport {
-            block: learner.blocks,
-            error: errors.map(|errors| errors.0),
-            settled: errors.map(|errors| errors.1),
-            not_finite: learner.block.not_finite(),
-            outcome,
+        self.state.blocks += 1;
+        let (error, settled) = self.block.errors().unzip();
+        let report = BlockReport {
+            block: self.state.blocks,
+            error,
+            settled,
+            not_finite: self.block.not_finite(),
+            outcome: self.update(settled),
         };
-        let outcome = self.update(errors.map(|errors| errors.1));
-        let report = report(self, outcome);
         self.block.clear();
         report
     }
 
     /// Ends the learning with the best reference so far.
     pub fn freeze(&mut self) {
-        if self.frozen.is_none() {
+        if self.state.frozen.is_none() {
             self.end(Frozen::Requested);
         }
     }
 
     fn update(&mut self, settled: Option<BlockError>) -> BlockOutcome {
-        if let Some(frozen) = self.frozen {
+        if let Some(frozen) = self.state.frozen {
             return BlockOutcome::Frozen(frozen);
         }
         let missing = self.block.missing();
         let Some(settled) = settled.filter(|_| missing == 0) else {
-            if let Rule::Published(rule) = &mut self.rule {
-                rule.reset();
-            }
+            self.state.previous_error = None;
             return BlockOutcome::Missing(missing);
         };
-        let best = self.best.as_ref().map_or(f64::INFINITY, |best| best.error);
+        let best = self.best_error().unwrap_or(f64::INFINITY);
         if settled.mean_abs < best {
-            self.best = Some(Best { error: settled.mean_abs, reference: self.reference.clone() });
+            self.state.best = Some((settled.mean_abs, self.state.reference.clone()));
         }
-        self.worse =
-            if settled.mean_abs > self.config.stop.growth * best { self.worse + 1 } else { 0 };
-        if self.worse >= self.config.stop.patience {
+        let worse = settled.mean_abs > self.config.stop.growth * best;
+        self.state.worse = if worse { self.state.worse + 1 } else { 0 };
+        if self.state.worse >= self.config.stop.patience {
             return self.end(Frozen::Grew { best, found: settled.mean_abs });
         }
         let mut error = vec![0.0; self.desired.len()];
@@ -380,51 +337,55 @@ impl Learner {
         for (value, desired) in error.iter_mut().zip(&self.desired) {
             *value = desired - *value;
         }
-        let mut next = self.reference.clone();
-        match &mut self.rule {
-            Rule::Published(rule) => rule.update(&mut self.spectral, error, &mut next),
-            Rule::ModelBased(law) => law.update(&mut self.spectral, error, &mut next),
+        let mut next = self.state.reference.clone();
+        match &self.config.law {
+            LearningLaw::Published(law) => {
+                law.low_pass_and_advance(&mut self.spectral, self.config.rate_hz, &mut error);
+                law.update(&error, self.state.previous_error.as_deref(), &mut next);
+                self.state.previous_error = Some(error);
+            }
+            LearningLaw::ModelBased(law) => law.update(&mut self.spectral, error, &mut next),
         }
         self.adopt(next)
     }
 
     /// Adopts the next reference if it is within the limits; freezes otherwise.
     fn adopt(&mut self, next: Vec<f64>) -> BlockOutcome {
-        let before = std::mem::replace(&mut self.reference, next);
+        let before = std::mem::replace(&mut self.state.reference, next);
         self.compute_points();
         let (low, high) = self.config.position_limits;
-        let furthest = self.reference.iter().fold(0.0f64, |far, position| {
+        let furthest = self.state.reference.iter().fold(0.0f64, |far, position| {
             // NaN counts as outside all limits.
             if position.abs() <= far { far } else { position.abs() }
         });
-        let within = self.reference.iter().all(|position| (low..=high).contains(position));
+        let within = self.state.reference.iter().all(|position| (low..=high).contains(position));
         if within && self.peak_speed <= self.config.speed_limit {
             return BlockOutcome::Learnt;
         }
         let speed = self.peak_speed;
-        self.reference = before;
+        self.state.reference = before;
         self.end(Frozen::Limit { position: furthest, speed })
     }
 
     fn end(&mut self, why: Frozen) -> BlockOutcome {
-        if let Some(best) = &self.best {
-            self.reference.clone_from(&best.reference);
+        if let Some((_, best)) = &self.state.best {
+            self.state.reference.clone_from(best);
         }
         self.compute_points();
-        self.frozen = Some(why);
+        self.state.frozen = Some(why);
         BlockOutcome::Frozen(why)
     }
 
     /// Computes velocity and acceleration of the reference.
     fn compute_points(&mut self) {
-        let mut velocity = self.reference.clone();
+        let mut velocity = self.state.reference.clone();
         self.spectral.differentiate(&mut velocity);
         let mut acceleration = velocity.clone();
         self.spectral.differentiate(&mut acceleration);
         self.peak_speed = 0.0;
         for (n, point) in self.points.iter_mut().enumerate() {
             *point = ReferencePoint {
-                position: self.reference[n],
+                position: self.state.reference[n],
                 velocity: velocity[n],
                 acceleration: acceleration[n],
             };

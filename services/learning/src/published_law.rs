@@ -22,49 +22,24 @@ impl Published {
     pub fn delay_samples(&self, rate_hz: f64) -> usize {
         (self.delay_s * rate_hz).round().max(0.0) as usize
     }
-}
 
-/// The law and its state: the filtered and advanced error of the previous block.
-#[derive(Clone, Debug)]
-pub(crate) struct PublishedRule {
-    law: Published,
-    delay_samples: usize,
-    previous_error: Option<Vec<f64>>,
-}
-
-impl PublishedRule {
-    pub(crate) fn new(law: Published, rate_hz: f64) -> Self {
-        Self { law, delay_samples: law.delay_samples(rate_hz), previous_error: None }
-    }
-
-    /// Updates the reference by the error of one cycle.
-    pub(crate) fn update(
-        &mut self,
+    /// Filters and advances the error of one cycle.
+    pub(crate) fn low_pass_and_advance(
+        &self,
         spectral: &mut Spectral,
-        mut error: Vec<f64>,
-        reference: &mut [f64],
+        rate_hz: f64,
+        error: &mut [f64],
     ) {
-        spectral.low_pass(&mut error, self.law.cutoff_hz);
-        advance(&mut error, self.delay_samples);
-        for (n, (value, now)) in reference.iter_mut().zip(&error).enumerate() {
-            let before = self.previous_error.as_ref().map_or(*now, |error| error[n]);
-            *value += self.law.gamma_p * now + self.law.gamma_d * (now - before);
+        spectral.low_pass(error, self.cutoff_hz);
+        advance(error, self.delay_samples(rate_hz));
+    }
+
+    /// Updates the reference by the filtered and advanced error of this block and of the previous
+    /// one.
+    pub(crate) fn update(&self, error: &[f64], previous: Option<&[f64]>, reference: &mut [f64]) {
+        for (n, (value, now)) in reference.iter_mut().zip(error).enumerate() {
+            let before = previous.map_or(*now, |error| error[n]);
+            *value += self.gamma_p * now + self.gamma_d * (now - before);
         }
-        self.previous_error = Some(error);
-    }
-
-    /// The filtered and advanced error of the previous block.
-    pub(crate) fn previous_error(&self) -> Option<&Vec<f64>> {
-        self.previous_error.as_ref()
-    }
-
-    /// Restores the error of the previous block.
-    pub(crate) fn restore(&mut self, previous_error: Option<Vec<f64>>) {
-        self.previous_error = previous_error;
-    }
-
-    /// Discards the error of the previous block.
-    pub(crate) fn reset(&mut self) {
-        self.previous_error = None;
     }
 }

@@ -41,21 +41,6 @@ impl Spectral {
         }
     }
 
-    /// Samples of a cycle.
-    pub fn samples(&self) -> usize {
-        self.samples
-    }
-
-    /// Frequency of the first harmonic (Hz).
-    pub fn base_hz(&self) -> f64 {
-        self.base_hz
-    }
-
-    /// Frequency of a harmonic (Hz); 0 is the mean.
-    pub fn hertz(&self, harmonic: usize) -> f64 {
-        self.base_hz * harmonic as f64
-    }
-
     /// Complex amplitudes of the cycle's harmonics, in its unit: the transform scaled by `2/N`, the
     /// mean by `1/N`. A sine of amplitude 1 at harmonic h has magnitude 1 there.
     ///

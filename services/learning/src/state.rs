@@ -2,11 +2,11 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::{Best, Frozen, Learner, LearnerConfig, LearningError, Rule};
+use crate::{Frozen, Learner, LearnerConfig, LearningError};
 
 /// State of a learner between two blocks. A learner restored from it with the same configuration
 /// continues identically.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct LearnerState {
     /// Number of finished blocks.
     pub blocks: usize,
@@ -25,18 +25,7 @@ pub struct LearnerState {
 impl Learner {
     /// Returns the state; call it between two blocks.
     pub fn state(&self) -> LearnerState {
-        let previous_error = match &self.rule {
-            Rule::Published(rule) => rule.previous_error().cloned(),
-            Rule::ModelBased(_) => None,
-        };
-        LearnerState {
-            blocks: self.blocks,
-            reference: self.reference.clone(),
-            best: self.best.as_ref().map(|best| (best.error, best.reference.clone())),
-            worse: self.worse,
-            previous_error,
-            frozen: self.frozen,
-        }
+        self.state.clone()
     }
 
     /// Restores a learner from the state of another one with the same movement and configuration.
@@ -49,22 +38,15 @@ impl Learner {
         state: LearnerState,
         config: LearnerConfig,
     ) -> Result<Self, LearningError> {
-        let mut learner = Self::from_reference(desired, &state.reference, config)?;
-        let cycles = state.best.iter().map(|best| &best.1).chain(&state.previous_error);
-        for cycle in cycles {
-            if cycle.len() != desired.len() || !cycle.iter().all(|value| value.is_finite()) {
-                return Err(LearningError::Desired {
-                    found: "a saved cycle that does not fit the movement".to_owned(),
-                });
-            }
+        let learner = Self::from_reference(desired, &state.reference, config)?;
+        let mut cycles = state.best.iter().map(|best| &best.1).chain(&state.previous_error);
+        let fits = |cycle: &Vec<f64>| {
+            cycle.len() == desired.len() && cycle.iter().all(|value| value.is_finite())
+        };
+        if !cycles.all(fits) {
+            let found = "a saved cycle that does not fit the movement".to_owned();
+            return Err(LearningError::Desired { found });
         }
-        learner.blocks = state.blocks;
-        learner.best = state.best.map(|(error, reference)| Best { error, reference });
-        learner.worse = state.worse;
-        learner.frozen = state.frozen;
-        if let Rule::Published(rule) = &mut learner.rule {
-            rule.restore(state.previous_error);
-        }
-        Ok(learner)
+        Ok(Self { state, ..learner })
     }
 }

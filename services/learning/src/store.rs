@@ -14,13 +14,24 @@ const FORMAT: Format = Format { what: "learnt reference", mark: *b"FRLR", versio
 /// A learnt reference, with the rig and movement it applies to.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LearntReference {
+    /// The rig and movement.
+    pub scope: ReferenceScope,
+    /// Mean absolute error over the settled cycles of its block (rad or m); 0 if not measured.
+    pub error: f64,
+    /// The master's position at each control step of one cycle (rad or m).
+    pub positions: Vec<f64>,
+}
+
+/// The rig and movement to which a reference applies.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ReferenceScope {
     /// Identity of the rig file ([`rig::RigFile::identity`]).
     pub rig: u64,
     /// Name in the rig file.
     pub rig_name: String,
     /// Axis, from 0.
     pub axis: u32,
-    /// Control rate at which it was learnt (Hz).
+    /// Rate of control (Hz).
     pub rate_hz: u32,
     /// Period of the movement (s).
     pub period_s: f64,
@@ -28,12 +39,8 @@ pub struct LearntReference {
     pub amplitude: f64,
     /// Its centre (rad or m).
     pub centre: f64,
-    /// Whether control added its feed-forward.
+    /// Whether control adds its feed-forward.
     pub feedforward: bool,
-    /// Mean absolute error over the settled cycles of its block (rad or m); 0 if not measured.
-    pub error: f64,
-    /// The master's position at each control step of one cycle (rad or m).
-    pub positions: Vec<f64>,
 }
 
 /// Why a reference cannot be saved or loaded.
@@ -109,36 +116,13 @@ pub enum StoreError {
     },
 }
 
-/// The rig and movement to which a reference applies.
-#[derive(Clone, Debug, PartialEq)]
-pub struct ReferenceScope {
-    /// Identity of the rig file.
-    pub rig: u64,
-    /// Name in the rig file.
-    pub rig_name: String,
-    /// Axis, from 0.
-    pub axis: u32,
-    /// Rate of control (Hz).
-    pub rate_hz: u32,
-    /// Control steps in a cycle.
-    pub steps: usize,
-    /// Amplitude of the sine (rad or m).
-    pub amplitude: f64,
-    /// Its centre (rad or m).
-    pub centre: f64,
-    /// Whether control adds its feed-forward.
-    pub feedforward: bool,
-}
-
 impl ReferenceScope {
     fn movement(&self) -> String {
-        let (steps, rate) = (self.steps as f64, f64::from(self.rate_hz));
         let feedforward = if self.feedforward { "with" } else { "without" };
-        let Self { amplitude, centre, .. } = self;
+        let Self { amplitude, centre, period_s, .. } = self;
         format!(
-            "a sine of {amplitude:.6} rad or m about {centre:.6}, period {} s, {feedforward} \
-                feed-forward",
-            steps / rate
+            "a sine of {amplitude:.6} rad or m about {centre:.6}, period {period_s} s, \
+                {feedforward} feed-forward"
         )
     }
 }
@@ -154,21 +138,7 @@ impl LearntReference {
         error: f64,
         positions: Vec<f64>,
     ) -> Result<Self, StoreError> {
-        let ReferenceScope { rig, axis, rate_hz, amplitude, centre, feedforward, .. } = *scope;
-        let period_s = positions.len() as f64 / f64::from(rate_hz);
-        let rig_name = scope.rig_name.clone();
-        let reference = Self {
-            rig,
-            rig_name,
-            axis,
-            rate_hz,
-            period_s,
-            amplitude,
-            centre,
-            feedforward,
-            error,
-            positions,
-        };
+        let reference = Self { scope: scope.clone(), error, positions };
         reference.check()?;
         Ok(reference)
     }
@@ -230,49 +200,42 @@ impl LearntReference {
     /// # Errors
     /// [`StoreError::OtherRig`] to [`StoreError::OtherRate`].
     pub fn fits(&self, scope: &ReferenceScope) -> Result<(), StoreError> {
-        if self.rig != scope.rig {
+        let own = &self.scope;
+        if own.rig != scope.rig {
             return Err(StoreError::OtherRig {
                 expected: scope.rig,
                 expected_name: scope.rig_name.clone(),
-                found: self.rig,
-                found_name: self.rig_name.clone(),
+                found: own.rig,
+                found_name: own.rig_name.clone(),
             });
         }
-        if self.axis != scope.axis {
-            return Err(StoreError::OtherAxis { expected: scope.axis, found: self.axis });
+        if own.axis != scope.axis {
+            return Err(StoreError::OtherAxis { expected: scope.axis, found: own.axis });
         }
-        if self.rate_hz != scope.rate_hz {
-            return Err(StoreError::OtherRate { expected: scope.rate_hz, found: self.rate_hz });
+        if own.rate_hz != scope.rate_hz {
+            return Err(StoreError::OtherRate { expected: scope.rate_hz, found: own.rate_hz });
         }
         let near = |a: f64, b: f64| (a - b).abs() < 1e-9;
-        let same = self.positions.len() == scope.steps
-            && near(self.amplitude, scope.amplitude)
-            && near(self.centre, scope.centre)
-            && self.feedforward == scope.feedforward;
+        let same = near(own.period_s, scope.period_s)
+            && near(own.amplitude, scope.amplitude)
+            && near(own.centre, scope.centre)
+            && own.feedforward == scope.feedforward;
         if !same {
-            let found = ReferenceScope {
-                steps: self.positions.len(),
-                amplitude: self.amplitude,
-                centre: self.centre,
-                feedforward: self.feedforward,
-                ..scope.clone()
-            };
-            return Err(StoreError::OtherMovement {
-                expected: scope.movement(),
-                found: found.movement(),
-            });
+            let (expected, found) = (scope.movement(), own.movement());
+            return Err(StoreError::OtherMovement { expected, found });
         }
         Ok(())
     }
 
     fn check(&self) -> Result<(), StoreError> {
         let found = |found| Err(StoreError::Positions { found });
-        let numbers = [self.amplitude, self.centre, self.error, self.period_s];
+        let ReferenceScope { amplitude, centre, period_s, rate_hz, .. } = self.scope;
+        let numbers = [amplitude, centre, self.error, period_s];
         if let Some(value) = self.positions.iter().chain(&numbers).find(|value| !value.is_finite())
         {
             return found(format!("{value}"));
         }
-        let steps = self.period_s * f64::from(self.rate_hz);
+        let steps = period_s * f64::from(rate_hz);
         let matches =
             !self.positions.is_empty() && (steps - self.positions.len() as f64).abs() < 1e-6;
         if matches {

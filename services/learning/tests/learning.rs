@@ -23,7 +23,7 @@ fn scope(rig: u64, axis: u32, rate_hz: u32, steps: usize) -> ReferenceScope {
         rig_name: "bench".to_owned(),
         axis,
         rate_hz,
-        steps,
+        period_s: steps as f64 / f64::from(rate_hz),
         amplitude: 0.5,
         centre: 0.0,
         feedforward: true,
@@ -287,7 +287,7 @@ proptest! {
             ReferenceScope { amplitude: 0.4, ..scope.clone() },
             ReferenceScope { centre: 0.1, ..scope.clone() },
             ReferenceScope { feedforward: false, ..scope.clone() },
-            ReferenceScope { steps: 1 + scope.steps, ..scope.clone() },
+            ReferenceScope { period_s: scope.period_s + 0.002, ..scope.clone() },
         ];
         prop_assert!(other_rig && other_axis && other_rate);
         for other in other_movement {
