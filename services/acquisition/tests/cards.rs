@@ -8,10 +8,13 @@ use acquisition::{CardOptions, Converter, DRIVERS, Driver, ReplayDaq, ReplayErro
 use ipc_types::{CARD_OUTPUT, CARD_SCAN, CardKind, CardOutput, CardScan, Process};
 use recording::record::Record;
 use rig::RigFile;
-use runtime::daq::conformance::{self, Bench};
 use runtime::daq::{Daq, Present, Scan};
 use runtime::{Keeper, Publisher, RigName, Service, Subscriber};
 use simulator::Card;
+
+mod conformance;
+
+use conformance::Bench;
 
 fn rig(name: &str) -> RigFile {
     RigFile::load(format!("{}/../../launch/rigs/{name}.toml", env!("CARGO_MANIFEST_DIR"))).unwrap()

@@ -5,8 +5,6 @@ use thiserror::Error;
 
 use crate::timing::Losses;
 
-pub mod conformance;
-
 /// One scan of a card.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Scan {

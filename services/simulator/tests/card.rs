@@ -3,8 +3,12 @@
 
 use rig::RigFile;
 use runtime::daq::Daq;
-use runtime::daq::conformance::{self, Bench};
 use simulator::{Card, LockStepDaq};
+
+#[path = "../../acquisition/tests/conformance/mod.rs"]
+mod conformance;
+
+use conformance::Bench;
 
 const LINE_NS: u64 = 5_000_000;
 const TICK_NS: u64 = 500_000;

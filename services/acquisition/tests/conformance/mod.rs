@@ -1,11 +1,11 @@
 //! One suite for all cards: what holds for the simulator, the replay, and a card to come.
 //!
-//! A card's crate writes a [`Bench`] for its card and calls [`check`] in a test.
+//! A test writes a [`Bench`] for its card and calls [`check`].
 
-use super::{Daq, DaqError};
+use runtime::daq::{Daq, DaqError};
 
 /// A card on the test bench, whose time the suite drives.
-pub trait Bench {
+pub(crate) trait Bench {
     /// A new card, at its beginning.
     fn reset(&mut self);
     /// Lets `ticks` periods pass on the card.
@@ -19,7 +19,7 @@ pub trait Bench {
 /// What did not hold.
 #[derive(Debug, thiserror::Error)]
 #[error("{rule}: {found}")]
-pub struct Violation {
+pub(crate) struct Violation {
     rule: &'static str,
     found: String,
 }
@@ -41,7 +41,7 @@ fn ticks(bench: &mut dyn Bench, rule: &'static str) -> Result<Vec<u64>, Violatio
 }
 
 /// Runs the whole suite.
-pub fn check(bench: &mut dyn Bench) -> Result<(), Violation> {
+pub(crate) fn check(bench: &mut dyn Bench) -> Result<(), Violation> {
     nothing_twice_and_nothing_missing(bench)?;
     a_late_reader_gets_all(bench)?;
     an_overflow_is_counted(bench)?;
@@ -50,7 +50,7 @@ pub fn check(bench: &mut dyn Bench) -> Result<(), Violation> {
 }
 
 /// Regular reading: each tick once, in order.
-pub fn nothing_twice_and_nothing_missing(bench: &mut dyn Bench) -> Result<(), Violation> {
+fn nothing_twice_and_nothing_missing(bench: &mut dyn Bench) -> Result<(), Violation> {
     const RULE: &str = "each tick comes once, in order";
     bench.reset();
     let mut seen: Vec<u64> = Vec::new();
@@ -67,7 +67,7 @@ pub fn nothing_twice_and_nothing_missing(bench: &mut dyn Bench) -> Result<(), Vi
 }
 
 /// A reader that comes late, but within the FIFO's depth, gets everything.
-pub fn a_late_reader_gets_all(bench: &mut dyn Bench) -> Result<(), Violation> {
+fn a_late_reader_gets_all(bench: &mut dyn Bench) -> Result<(), Violation> {
     const RULE: &str = "a late wake yields late samples, not holes";
     bench.reset();
     bench.advance(1);
@@ -84,7 +84,7 @@ pub fn a_late_reader_gets_all(bench: &mut dyn Bench) -> Result<(), Violation> {
 }
 
 /// A reader that comes later than the FIFO is deep loses the oldest, and the loss is counted.
-pub fn an_overflow_is_counted(bench: &mut dyn Bench) -> Result<(), Violation> {
+fn an_overflow_is_counted(bench: &mut dyn Bench) -> Result<(), Violation> {
     const RULE: &str = "what the FIFO drops is counted";
     bench.reset();
     bench.advance(1);
@@ -108,7 +108,7 @@ pub fn an_overflow_is_counted(bench: &mut dyn Bench) -> Result<(), Violation> {
 }
 
 /// Volts reach the motor and hold, if the card has outputs; else only 0 V is accepted.
-pub fn outputs_do_as_declared(bench: &mut dyn Bench) -> Result<(), Violation> {
+fn outputs_do_as_declared(bench: &mut dyn Bench) -> Result<(), Violation> {
     const RULE: &str = "written volts reach the motor and hold";
     bench.reset();
     bench.advance(1);
@@ -133,7 +133,7 @@ pub fn outputs_do_as_declared(bench: &mut dyn Bench) -> Result<(), Violation> {
 }
 
 /// A value that is not finite never reaches the card.
-pub fn not_finite_is_refused(bench: &mut dyn Bench) -> Result<(), Violation> {
+fn not_finite_is_refused(bench: &mut dyn Bench) -> Result<(), Violation> {
     const RULE: &str = "volts that are not finite are refused and 0 V is written";
     bench.reset();
     bench.advance(1);
