@@ -24,7 +24,7 @@ use runtime::{Grid, PortError, Publisher, RawSubscriber, Service, ServiceError, 
 use thiserror::Error;
 
 use crate::recorder_front_end::{Outcome, RecorderError, RecorderFrontEnd, StartRequest};
-use crate::state::{self, State};
+use crate::state;
 
 use requests::{PendingRequest, RequestReceiver};
 
@@ -244,7 +244,7 @@ impl Logger {
         let requested = Instant::now();
         while requested.elapsed() < BEGIN_LIMIT {
             match self.recorder.wait(BEGIN_LIMIT) {
-                Some(Outcome::NotStarted { error, .. }) => return Ok(Err(error)),
+                Some(Outcome::NotStarted { error }) => return Ok(Err(error)),
                 Some(outcome) => {
                     let begun = matches!(outcome, Outcome::Started { .. });
                     self.outcome(outcome)?;
@@ -384,12 +384,12 @@ fn kept_state(directory: &Path, session: u64) -> Result<Option<StartRequest>, St
         return Ok(None);
     };
     let continues = end_positions(&state);
-    Ok(Some(StartRequest::next_part(state, continues)))
+    Ok(Some(state.next_part(continues)))
 }
 
 /// Where the newest part ends. Where it cannot be read (removed, an unreadable disk), the gap
 /// before the next part cannot be counted.
-fn end_positions(state: &State) -> Positions {
+fn end_positions(state: &StartRequest) -> Positions {
     let path = state::part_path(&state.path, state.part);
     Recording::open(&path).and_then(|part| part.end_positions()).unwrap_or_else(|error| {
         eprintln!("farreach logger: losses over the restart cannot be counted: {error}");

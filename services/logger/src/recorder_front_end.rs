@@ -36,8 +36,9 @@ use std::time::Duration;
 use ipc_types::{Arrival, LoggerAnswer, LossCounters, SequenceTracker, TOPICS};
 use recording::word;
 
+pub use crate::state::StartRequest;
+pub use crate::writer_queue::Outcome;
 use crate::writer_queue::{Command, Queue, SLOTS, Shared, Slot};
-pub use crate::writer_queue::{Outcome, StartRequest};
 use crate::writer_thread::{Opener, open_file, run};
 
 /// Why a request was refused.
@@ -264,10 +265,10 @@ impl RecorderFrontEnd {
     fn note(&mut self, outcome: &Outcome) {
         match outcome {
             Outcome::Started { path } => self.recording = Some(path.clone()),
-            Outcome::Failed { error, .. } | Outcome::StateNotKept { error } => {
+            Outcome::Failed { error } | Outcome::StateNotKept { error } => {
                 self.error.clone_from(error)
             }
-            Outcome::NotStarted { error, .. } | Outcome::StoppedWithError { error, .. } => {
+            Outcome::NotStarted { error } | Outcome::StoppedWithError { error, .. } => {
                 self.error.clone_from(error);
                 self.recording = None;
                 self.stopping = false;

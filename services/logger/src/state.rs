@@ -1,35 +1,48 @@
-//! The state file: what is being recorded, so that a logger that was killed continues after its
-//! restart with the next part.
+//! What to record, and the state file that holds it while it is being recorded, so that a logger
+//! that was killed continues after its restart with the next part.
 
 use std::collections::BTreeMap;
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
+use recording::mcap_write::Positions;
 use serde::{Deserialize, Serialize};
 
 /// Name of the file within the state directory.
 pub const FILE: &str = "recording.json";
 
-/// The recording in progress.
+/// What to record.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub struct State {
+pub struct StartRequest {
     /// Session of the rig that it belongs to; another session does not continue it.
     pub session: u64,
-    /// The file of part 1.
+    /// The file of part 1, also for later parts.
     pub path: PathBuf,
-    /// The newest part.
+    /// 1, or higher when continuing after a restart; the next free number is taken.
     pub part: u32,
-    /// Metadata of the recording.
+    /// Metadata of the recording, see [`recording::mcap_write::key`].
     pub metadata: BTreeMap<String, String>,
     /// `CLOCK_REALTIME` minus `CLOCK_MONOTONIC` of part 1, kept for all parts (ns).
     pub realtime_offset_ns: i64,
-    /// When part 1 began [ns, CLOCK_MONOTONIC].
+    /// When part 1 began [ns, CLOCK_MONOTONIC]; 0 for a recording that begins now.
     #[serde(default)]
     pub began_ns: u64,
     /// The protocol that is being played; empty where none is.
     #[serde(default)]
     pub run: BTreeMap<String, String>,
+    /// Where the part before ended; empty for part 1. The messages between are counted as lost.
+    #[serde(skip)]
+    pub continues: Positions,
+}
+
+impl StartRequest {
+    /// The next part of a recording that was cut off when the logger died. `continues` is where the
+    /// part before ended.
+    #[must_use]
+    pub fn next_part(self, continues: Positions) -> Self {
+        Self { part: self.part + 1, continues, ..self }
+    }
 }
 
 /// Why the state cannot be used or saved.
@@ -66,7 +79,7 @@ pub enum StateError {
 ///
 /// # Errors
 /// [`StateError::Io`].
-pub fn save(directory: &Path, state: &State) -> Result<(), StateError> {
+pub fn save(directory: &Path, state: &StartRequest) -> Result<(), StateError> {
     let path = directory.join(FILE);
     serde_json::to_vec_pretty(state)
         .map_err(io::Error::from)
@@ -92,14 +105,14 @@ pub fn clear(directory: &Path) -> Result<(), StateError> {
 ///
 /// # Errors
 /// [`StateError::Io`]; [`StateError::Damaged`], after which the file is moved aside.
-pub fn load(directory: &Path, session: u64) -> Result<Option<State>, StateError> {
+pub fn load(directory: &Path, session: u64) -> Result<Option<StartRequest>, StateError> {
     let path = directory.join(FILE);
     let bytes = match fs::read(&path) {
         Ok(bytes) => bytes,
         Err(source) if source.kind() == io::ErrorKind::NotFound => return Ok(None),
         Err(source) => return Err(StateError::Io { path, source }),
     };
-    match serde_json::from_slice::<State>(&bytes) {
+    match serde_json::from_slice::<StartRequest>(&bytes) {
         Ok(state) if state.session == session => Ok(Some(state)),
         Ok(_) => Ok(None),
         Err(error) => {
@@ -128,15 +141,15 @@ pub fn part_path(path: &Path, part: u32) -> PathBuf {
 mod tests {
     use super::*;
 
-    fn state() -> State {
-        State {
+    fn state() -> StartRequest {
+        StartRequest {
             session: 7,
             path: "/data/run.mcap".into(),
             part: 2,
             metadata: BTreeMap::from([("rig".to_owned(), "hydrostatic \"x\"\n".to_owned())]),
             realtime_offset_ns: -5,
             began_ns: 3,
-            run: BTreeMap::new(),
+            ..StartRequest::default()
         }
     }
 

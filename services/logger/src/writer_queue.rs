@@ -7,9 +7,9 @@ use std::sync::atomic::AtomicU64;
 
 use crossbeam_queue::ArrayQueue;
 use ipc_types::{LossCounters, TOPICS};
-use recording::mcap_write::{Positions, Summary};
+use recording::mcap_write::Summary;
 
-use crate::state::State;
+use crate::state::StartRequest;
 
 /// Bytes of the longest message.
 const SLOT_BYTES: usize = longest();
@@ -64,44 +64,6 @@ pub(crate) type Queue = ArrayQueue<Slot>;
 /// that stalls longer costs data.
 pub(crate) const SLOTS: usize = 40_000;
 
-/// What to record.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct StartRequest {
-    /// The file of part 1, also for later parts.
-    pub path: PathBuf,
-    /// 1, or higher when continuing after a restart; the next free number is taken.
-    pub part: u32,
-    /// Metadata of the recording, see [`recording::mcap_write::key`].
-    pub metadata: BTreeMap<String, String>,
-    /// `CLOCK_REALTIME` minus `CLOCK_MONOTONIC` (ns).
-    pub realtime_offset_ns: i64,
-    /// Session of the rig.
-    pub session: u64,
-    /// When part 1 began [ns, CLOCK_MONOTONIC]; 0 for a recording that begins now.
-    pub began_ns: u64,
-    /// Where the part before ended; empty for part 1. The messages between are counted as lost.
-    pub continues: Positions,
-    /// The protocol that is being played; empty where none is.
-    pub run: BTreeMap<String, String>,
-}
-
-impl StartRequest {
-    /// The next part of a recording that was cut off when the logger died. `continues` is where the
-    /// part before ended.
-    pub fn next_part(state: State, continues: Positions) -> Self {
-        Self {
-            path: state.path,
-            part: state.part + 1,
-            metadata: state.metadata,
-            realtime_offset_ns: state.realtime_offset_ns,
-            session: state.session,
-            run: state.run,
-            began_ns: state.began_ns,
-            continues,
-        }
-    }
-}
-
 /// What the writer thread is told.
 #[derive(Debug)]
 pub(crate) enum Command {
@@ -121,16 +83,12 @@ pub enum Outcome {
     },
     /// The file could not be created; nothing is being recorded.
     NotStarted {
-        /// The file requested.
-        path: PathBuf,
         /// Why.
         error: String,
     },
     /// The disk failed during a recording. The recording stays open, refusing and counting
     /// messages, until it is stopped.
     Failed {
-        /// The file.
-        path: PathBuf,
         /// Why.
         error: String,
     },
@@ -138,8 +96,6 @@ pub enum Outcome {
     Stopped(Summary),
     /// The recording was stopped, but not cleanly; what was flushed is on the disk.
     StoppedWithError {
-        /// The file.
-        path: PathBuf,
         /// Why.
         error: String,
         /// Messages that are not in the file.

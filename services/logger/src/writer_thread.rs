@@ -9,8 +9,8 @@ use std::time::Duration;
 use ipc_types::LossCounters;
 use recording::mcap_write::{Start, WriteError, Writer, key};
 
-use crate::state::{self, State};
-use crate::writer_queue::{Command, Outcome, Queue, Shared, Slot, StartRequest};
+use crate::state::{self, StartRequest};
+use crate::writer_queue::{Command, Outcome, Queue, Shared, Slot};
 
 /// Sleep when there is nothing to do; the queue holds seconds of messages.
 const IDLE: Duration = Duration::from_millis(5);
@@ -35,7 +35,7 @@ struct Disk<'a> {
     opener: &'a Opener,
     writer: Option<Writer>,
     /// of the recording in progress, as it is on the disk
-    state: State,
+    state: StartRequest,
     generation: u32,
     /// taken out of the queue before the start command of its recording was read
     held: Option<Slot>,
@@ -56,7 +56,7 @@ pub(crate) fn run(
         state_directory,
         opener,
         writer: None,
-        state: State::default(),
+        state: StartRequest::default(),
         generation: 0,
         held: None,
     };
@@ -64,7 +64,7 @@ pub(crate) fn run(
         let worked = disk.drain(BATCH);
         disk.tick();
         match inbox.try_recv() {
-            Ok(Command::Start { generation, request }) => disk.start(generation, &request),
+            Ok(Command::Start { generation, request }) => disk.start(generation, request),
             Ok(Command::NoteRun { run }) => disk.note_run(run),
             Ok(Command::Stop { losses }) => disk.stop(losses, true),
             Ok(Command::Quit { losses }) => return disk.stop(losses, false),
@@ -123,13 +123,8 @@ impl Disk<'_> {
     }
 
     fn failed(&self, error: &WriteError) {
-        if let Some(writer) = &self.writer {
-            self.publish_all();
-            self.report(Outcome::Failed {
-                path: writer.path().to_owned(),
-                error: error.to_string(),
-            });
-        }
+        self.publish_all();
+        self.report(Outcome::Failed { error: error.to_string() });
     }
 
     fn publish(&self, topic: usize) {
@@ -155,7 +150,7 @@ impl Disk<'_> {
         }
     }
 
-    fn start(&mut self, generation: u32, request: &StartRequest) {
+    fn start(&mut self, generation: u32, request: StartRequest) {
         self.generation = generation;
         let mut part = request.part.max(1);
         let opened = loop {
@@ -177,24 +172,11 @@ impl Disk<'_> {
             Ok(writer) => {
                 let path = writer.path().to_owned();
                 self.writer = Some(writer);
-                self.state = State {
-                    session: request.session,
-                    path: request.path.clone(),
-                    part,
-                    metadata: request.metadata.clone(),
-                    realtime_offset_ns: request.realtime_offset_ns,
-                    began_ns: request.began_ns,
-                    run: request.run.clone(),
-                };
+                self.state = StartRequest { part, ..request };
                 self.save_state();
                 self.report(Outcome::Started { path });
             }
-            Err(error) => {
-                self.report(Outcome::NotStarted {
-                    path: request.path.clone(),
-                    error: error.to_string(),
-                });
-            }
+            Err(error) => self.report(Outcome::NotStarted { error: error.to_string() }),
         }
     }
 
@@ -240,7 +222,7 @@ impl Disk<'_> {
             loss.written = writer.written_of(topic);
             loss.refused = writer.refused_of(topic);
         }
-        let (path, refused) = (writer.path().to_owned(), writer.refused());
+        let refused = writer.refused();
         match writer.finish(&losses) {
             Ok(summary) => self.report(Outcome::Stopped(summary)),
             Err(error) => {
@@ -250,7 +232,7 @@ impl Disk<'_> {
                     | WriteError::Poisoned { refused, .. } => *refused,
                     _ => refused,
                 };
-                self.report(Outcome::StoppedWithError { path, error: error.to_string(), refused });
+                self.report(Outcome::StoppedWithError { error: error.to_string(), refused });
             }
         }
     }

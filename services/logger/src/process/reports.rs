@@ -23,7 +23,7 @@ impl Logger {
                 let values = [summary.written as f64, lost as f64, summary.bytes as f64];
                 (EventKind::RecordingStopped, Severity::Info, values, text)
             }
-            Outcome::StoppedWithError { error, refused, .. } => {
+            Outcome::StoppedWithError { error, refused } => {
                 let written = self.recorder.status().written as f64;
                 (
                     EventKind::RecordingStopped,
@@ -32,13 +32,13 @@ impl Logger {
                     error.clone(),
                 )
             }
-            Outcome::Failed { error, .. } => (
+            Outcome::Failed { error } => (
                 EventKind::DataLost,
                 Severity::Error,
                 [self.recorder.status().lost as f64, 0.0, 0.0],
                 error.clone(),
             ),
-            Outcome::NotStarted { error, .. } => {
+            Outcome::NotStarted { error } => {
                 (EventKind::RecordingStopped, Severity::Error, [0.0; 3], error.clone())
             }
             Outcome::StateNotKept { error } => {
