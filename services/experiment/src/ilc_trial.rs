@@ -41,36 +41,53 @@ pub struct Reference {
     pub peak_speed: f64,
 }
 
-/// A result from the worker thread.
+/// A result from the worker thread, with the memory that it hands to the loop.
 #[derive(Clone, Debug)]
-pub enum IlcResult {
+pub struct IlcResult {
+    /// Number of the learning run.
+    pub run_id: u32,
+    /// Cleared records.
+    pub records: [Option<Box<TrialRecord>>; 2],
+    /// The next reference; `None`: as before, at first the desired movement itself.
+    pub reference: Option<Box<Reference>>,
+    /// What was done.
+    pub outcome: IlcOutcome,
+}
+
+/// What the worker thread did.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum IlcOutcome {
     /// The learning run is prepared and can begin.
     Ready {
-        /// Number of the learning run.
-        run_id: u32,
-        /// Two empty records.
-        records: [Box<TrialRecord>; 2],
-        /// Initial reference; `None`: the desired movement itself.
-        reference: Option<Box<Reference>>,
         /// Blocks done before a restart.
         done: u32,
         /// Whether the response is known or not needed.
         identified: bool,
     },
     /// A record was processed.
-    Updated {
-        /// Number of the learning run.
-        run_id: u32,
-        /// The record, cleared.
-        record: Box<TrialRecord>,
-        /// The next reference, if there is one.
-        reference: Option<Box<Reference>>,
-    },
+    Updated,
     /// The learning run cannot continue and must be stopped.
-    Failed {
-        /// Number of the learning run.
-        run_id: u32,
-    },
+    Failed,
+}
+
+impl IlcResult {
+    /// A record was processed; it is cleared here.
+    pub fn updated(mut record: Box<TrialRecord>, reference: Option<Box<Reference>>) -> Self {
+        let run_id = record.run_id;
+        record.clear();
+        Self { run_id, records: [Some(record), None], reference, outcome: IlcOutcome::Updated }
+    }
+
+    /// The learning run cannot continue.
+    pub fn failed(run_id: u32) -> Self {
+        Self { run_id, records: [None, None], reference: None, outcome: IlcOutcome::Failed }
+    }
+
+    /// The memory alone.
+    pub(crate) fn memory(self) -> impl Iterator<Item = Returned> {
+        let records = self.records.into_iter().flatten().map(Returned::Record);
+        records.chain(self.reference.map(Returned::Reference))
+    }
 }
 
 /// Source of the reference.
@@ -198,37 +215,29 @@ impl IlcTrials {
 
     /// Receives a result; the memory of a result for another run is returned.
     pub fn receive(&mut self, result: IlcResult) {
-        match result {
-            IlcResult::Ready { run_id, records, reference, done, identified } => {
-                let [first, second] = records;
-                if run_id != self.run_id || self.ready.is_some() {
-                    self.give_back(reference);
-                    self.give(Returned::Record(first));
-                    self.give(Returned::Record(second));
-                    return;
-                }
+        let again = matches!(result.outcome, IlcOutcome::Ready { .. }) && self.ready.is_some();
+        if result.run_id != self.run_id || again {
+            result.memory().for_each(|returned| self.give(returned));
+            return;
+        }
+        match result.outcome {
+            IlcOutcome::Ready { done, identified } => {
                 self.ready = Some((done, identified));
-                self.spare = [Some(first), Some(second)];
-                self.pending = reference;
                 self.starts = i64::MIN;
             }
-            IlcResult::Updated { run_id, record, reference } => {
-                if run_id != self.run_id {
-                    self.give_back(reference);
-                    self.give(Returned::Record(record));
-                    return;
-                }
-                self.in_flight = self.in_flight.saturating_sub(1);
-                match self.spare.iter_mut().find(|spare| spare.is_none()) {
-                    Some(spare) => *spare = Some(record),
-                    None => self.give(Returned::Record(record)),
-                }
-                if reference.is_some() {
-                    let older = std::mem::replace(&mut self.pending, reference);
-                    self.give_back(older);
-                }
+            IlcOutcome::Updated => self.in_flight = self.in_flight.saturating_sub(1),
+            IlcOutcome::Failed => {}
+        }
+        for record in result.records.into_iter().flatten() {
+            match self.spare.iter_mut().find(|spare| spare.is_none()) {
+                Some(spare) => *spare = Some(record),
+                None => self.give(Returned::Record(record)),
             }
-            IlcResult::Failed { .. } => {}
+        }
+        if let Some(reference) = result.reference
+            && let Some(older) = self.pending.replace(reference)
+        {
+            self.give(Returned::Reference(older));
         }
     }
 
@@ -428,12 +437,6 @@ impl IlcTrials {
             self.give(Returned::Reference(reference));
         }
         self.changes = from;
-    }
-
-    fn give_back(&mut self, reference: Option<Box<Reference>>) {
-        if let Some(reference) = reference {
-            self.give(Returned::Reference(reference));
-        }
     }
 
     fn give(&mut self, returned: Returned) {

@@ -15,7 +15,7 @@ use rig::protocol::trajectory::MIN_JERK_PEAK_SPEED;
 use rig::protocol::{IDENTIFYING_CYCLES, Learn, LearnLaw};
 use serde::{Deserialize, Serialize};
 
-use crate::ilc_trial::{IlcResult, Reference};
+use crate::ilc_trial::{IlcOutcome, IlcResult, Reference};
 use crate::trial_record::{Fault, TrialRecord};
 use crate::trial_schedule::Schedule;
 
@@ -231,13 +231,12 @@ impl IlcUpdater {
 
     /// The first result of the learning run with number `run_id`.
     pub fn ready(&self, run_id: u32) -> IlcResult {
-        let empty = || Box::new(TrialRecord::new(&self.plan.schedule));
-        IlcResult::Ready {
+        let empty = || Some(Box::new(TrialRecord::new(&self.plan.schedule)));
+        IlcResult {
             run_id,
             records: [empty(), empty()],
             reference: self.reference(),
-            done: self.done(),
-            identified: self.identified(),
+            outcome: IlcOutcome::Ready { done: self.done(), identified: self.identified() },
         }
     }
 

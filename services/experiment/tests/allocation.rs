@@ -9,7 +9,6 @@ use std::sync::Arc;
 use experiment::ilc_trial::{IlcResult, Returned};
 use experiment::ilc_update::IlcUpdater;
 use experiment::player::{IlcJob, Player, Program, Settings};
-use experiment::trial_record::TrialRecord;
 use ipc_types::AXES;
 use rig::RigFile;
 use rig::protocol::Protocol;
@@ -76,19 +75,13 @@ fn the_loop_allocates_and_frees_nothing() {
                 IlcJob::Begin { run_id, program, segment, .. } => {
                     let plan = program.plan(segment as usize).unwrap().as_ref().clone();
                     let made = IlcUpdater::new(plan, segment, None, None).unwrap();
-                    let records =
-                        [(); 2].map(|()| Box::new(TrialRecord::new(&made.plan().schedule)));
-                    let (reference, identified) = (made.reference(), made.identified());
-                    updater = Some(made);
-                    IlcResult::Ready { run_id, records, reference, done: 0, identified }
+                    updater.insert(made).ready(run_id)
                 }
-                IlcJob::Returned(Returned::Record(mut record)) => {
+                IlcJob::Returned(Returned::Record(record)) => {
                     let updated = updater.as_mut().unwrap().update(&record);
                     assert!(!updated.failed);
                     blocks += usize::from(record.block > 0);
-                    let run_id = record.run_id;
-                    record.clear();
-                    IlcResult::Updated { run_id, record, reference: updated.reference }
+                    IlcResult::updated(record, updated.reference)
                 }
                 IlcJob::Returned(Returned::Reference(_)) => continue,
                 IlcJob::End(_) => {

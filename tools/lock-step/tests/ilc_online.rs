@@ -101,15 +101,13 @@ impl Live {
                 self.updater = Some(updater);
                 result
             }
-            IlcJob::Returned(Returned::Record(mut record)) => {
+            IlcJob::Returned(Returned::Record(record)) => {
                 let updated = self.updater.as_mut().unwrap().update(&record);
                 self.events.extend(updated.event.into_iter().chain(updated.ended));
-                let run_id = record.run_id;
-                record.clear();
                 if updated.failed {
-                    self.results.push((self.late, IlcResult::Failed { run_id }));
+                    self.results.push((self.late, IlcResult::failed(record.run_id)));
                 }
-                IlcResult::Updated { run_id, record, reference: updated.reference }
+                IlcResult::updated(record, updated.reference)
             }
             IlcJob::Returned(Returned::Reference(_)) | IlcJob::End(_) => return,
         };

@@ -1,14 +1,13 @@
 //! The player's side of iterative learning, between the loop, which allocates nothing, and the
 //! worker thread, which does.
 
-use std::collections::VecDeque;
 use std::sync::Arc;
 
 use ipc_types::AXES;
 
 use super::ilc_job::{IlcJob, JOBS};
 use super::{Player, Program};
-use crate::ilc_trial::{IlcResult, IlcTrials, Returned};
+use crate::ilc_trial::{IlcOutcome, IlcResult, IlcTrials};
 
 impl Player {
     /// The next job for the worker thread; fetch all of them after each step.
@@ -30,18 +29,16 @@ impl Player {
 
     /// Receives a result. A learning run that cannot continue stops the protocol.
     pub fn receive(&mut self, result: IlcResult) {
-        let of_this = |run_id: u32| self.ilc.as_ref().is_some_and(|ilc| ilc.run_id() == run_id);
-        match result {
-            IlcResult::Failed { run_id } => {
-                if of_this(run_id) {
+        let (failed, run_id) = (result.outcome == IlcOutcome::Failed, result.run_id);
+        match &mut self.ilc {
+            Some(ilc) => {
+                ilc.receive(result);
+                if failed && ilc.run_id() == run_id {
                     self.stop();
                 }
             }
-            result => match &mut self.ilc {
-                Some(ilc) => ilc.receive(result),
-                // It belongs to a finished learning run.
-                None => give_back(&mut self.jobs, result),
-            },
+            // It belongs to a finished learning run.
+            None => result.memory().for_each(|returned| self.push(IlcJob::Returned(returned))),
         }
     }
 
@@ -94,31 +91,5 @@ impl Player {
             // The queue is full: leaking memory is better than freeing it in the loop.
             std::mem::forget(job);
         }
-    }
-}
-
-/// Returns the memory of a result that belongs to a finished run.
-fn give_back(jobs: &mut VecDeque<IlcJob>, result: IlcResult) {
-    let mut give = |returned| {
-        if jobs.len() < JOBS {
-            jobs.push_back(IlcJob::Returned(returned));
-        } else {
-            std::mem::forget(returned);
-        }
-    };
-    let reference = match result {
-        IlcResult::Ready { records: [first, second], reference, .. } => {
-            give(Returned::Record(first));
-            give(Returned::Record(second));
-            reference
-        }
-        IlcResult::Updated { record, reference, .. } => {
-            give(Returned::Record(record));
-            reference
-        }
-        IlcResult::Failed { .. } => None,
-    };
-    if let Some(reference) = reference {
-        give(Returned::Reference(reference));
     }
 }

@@ -171,7 +171,7 @@ impl WorkerState {
                     segment,
                     &error.to_string(),
                 );
-                self.send_result(IlcResult::Failed { run_id });
+                self.send_result(IlcResult::failed(run_id));
             }
         }
     }
@@ -208,19 +208,17 @@ impl WorkerState {
         }
     }
 
-    fn update(&mut self, mut record: Box<TrialRecord>) {
+    fn update(&mut self, record: Box<TrialRecord>) {
         let Some(active) = self.ilc.as_mut().filter(|active| active.run_id == record.run_id) else {
             return;
         };
         let updated = active.updater.update(&record);
         let run_id = active.run_id;
-        // The reference first: the loop waits for it alone.
-        record.clear();
-        let result = IlcResult::Updated { run_id, record, reference: updated.reference };
         let kept = active.updater.state(self.session, active.protocol);
-        self.send_result(result);
+        // The reference first: the loop waits for it alone.
+        self.send_result(IlcResult::updated(record, updated.reference));
         if updated.failed {
-            self.send_result(IlcResult::Failed { run_id });
+            self.send_result(IlcResult::failed(run_id));
         }
         self.publish(updated.event);
         self.unsaved = kept;
