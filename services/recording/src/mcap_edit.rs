@@ -246,12 +246,7 @@ impl Copy<'_> {
                 }
                 present.push((channel_id, message.clone()));
             }
-            let header = MessageHeader {
-                channel_id,
-                sequence: message.sequence(),
-                log_time: message.log_time_ns(),
-                publish_time: message.publish_time_ns(),
-            };
+            let header = MessageHeader { channel_id, ..message.header() };
             writer.write_to_known_channel(&header, message.data()).map_err(self.failed)?;
             self.report.messages += 1;
         }

@@ -3,7 +3,7 @@
 use std::os::unix::fs::FileExt;
 use std::sync::Arc;
 
-use mcap::records::{Record, op};
+use mcap::records::{MessageHeader, Record, op};
 use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
 
 use super::zstd::Zstd;
@@ -12,8 +12,6 @@ use super::{ReadError, Recording};
 /// Largest chunk that is decompressed (bytes); farreach writes about 1 MiB. A damaged length must
 /// not exhaust the memory.
 const LARGEST_CHUNK: usize = 512 << 20;
-/// Channel, sequence, log time, publish time in front of a message's payload (bytes).
-const MESSAGE_HEAD: usize = 2 + 4 + 8 + 8;
 
 /// A range of the file that holds messages: one chunk, or a run of records outside chunks.
 #[derive(Clone, Debug)]
@@ -63,10 +61,7 @@ impl Definition {
 
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Head {
-    pub(super) channel: u16,
-    pub(super) sequence: u32,
-    pub(super) log_time_ns: u64,
-    pub(super) publish_time_ns: u64,
+    pub(super) header: MessageHeader,
     start: usize,
     end: usize,
 }
@@ -87,21 +82,25 @@ pub struct RawMessage {
 }
 
 impl RawMessage {
+    /// What the file says of it.
+    pub(crate) fn header(&self) -> MessageHeader {
+        self.head.header
+    }
     /// Number of its channel.
     pub fn channel_id(&self) -> u16 {
-        self.head.channel
+        self.head.header.channel_id
     }
     /// Sequence number (the lower 32 bits of the message's own).
     pub fn sequence(&self) -> u32 {
-        self.head.sequence
+        self.head.header.sequence
     }
     /// When it was published, by the wall clock of the recording (ns since 1970).
     pub fn log_time_ns(&self) -> u64 {
-        self.head.log_time_ns
+        self.head.header.log_time
     }
     /// The same, from the publish time.
     pub fn publish_time_ns(&self) -> u64 {
-        self.head.publish_time_ns
+        self.head.header.publish_time
     }
     /// The payload, CDR header included.
     pub fn data(&self) -> &[u8] {
@@ -150,10 +149,13 @@ fn decode(mut bytes: &[u8]) -> mcap::McapResult<Loaded> {
                 reader.notify_read(given);
                 bytes = later;
             }
-            LinearReadEvent::Record { opcode: op::MESSAGE, data } => loaded.message(data)?,
-            LinearReadEvent::Record { opcode: opcode @ (op::SCHEMA | op::CHANNEL), data } => {
-                loaded.definitions.extend(Definition::of(mcap::parse_record(opcode, data)?));
-            }
+            LinearReadEvent::Record {
+                opcode: opcode @ (op::MESSAGE | op::SCHEMA | op::CHANNEL),
+                data,
+            } => match mcap::parse_record(opcode, data)? {
+                Record::Message { header, data } => loaded.message(header, &data),
+                record => loaded.definitions.extend(Definition::of(record)),
+            },
             LinearReadEvent::Record { .. } => {}
         }
     }
@@ -161,22 +163,9 @@ fn decode(mut bytes: &[u8]) -> mcap::McapResult<Loaded> {
 }
 
 impl Loaded {
-    fn message(&mut self, record: &[u8]) -> mcap::McapResult<()> {
-        let (head, payload) =
-            record.split_at_checked(MESSAGE_HEAD).ok_or(mcap::McapError::UnexpectedEoc)?;
-        let number = |from: usize, to: usize| {
-            head[from..to].iter().rev().fold(0u64, |value, &byte| value << 8 | u64::from(byte))
-        };
+    fn message(&mut self, header: MessageHeader, payload: &[u8]) {
         let start = self.data.len();
         self.data.extend_from_slice(payload);
-        self.heads.push(Head {
-            channel: number(0, 2) as u16,
-            sequence: number(2, 6) as u32,
-            log_time_ns: number(6, 14),
-            publish_time_ns: number(14, 22),
-            start,
-            end: self.data.len(),
-        });
-        Ok(())
+        self.heads.push(Head { header, start, end: self.data.len() });
     }
 }

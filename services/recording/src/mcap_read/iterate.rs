@@ -39,9 +39,9 @@ impl Selection {
     }
 
     pub(super) fn wants(&self, head: &super::block::Head) -> bool {
-        self.channels.as_ref().is_none_or(|wanted| wanted.contains(&head.channel))
-            && self.from_ns.is_none_or(|from| head.log_time_ns >= from)
-            && self.until_ns.is_none_or(|until| head.log_time_ns < until)
+        self.channels.as_ref().is_none_or(|wanted| wanted.contains(&head.header.channel_id))
+            && self.from_ns.is_none_or(|from| head.header.log_time >= from)
+            && self.until_ns.is_none_or(|until| head.header.log_time < until)
     }
 }
 
@@ -135,17 +135,6 @@ pub struct Messages<'a, T> {
     topic: String,
     conversions: BTreeMap<u16, (Layout, Conversion)>,
     message: PhantomData<fn() -> T>,
-}
-
-impl<T> Messages<'_, T> {
-    /// Fields of this build that the recording lacks.
-    pub fn missing_fields(&self) -> Vec<&'static str> {
-        let mut missing: Vec<_> =
-            self.conversions.values().flat_map(|(_, c)| c.missing.iter().copied()).collect();
-        missing.sort_unstable();
-        missing.dedup();
-        missing
-    }
 }
 
 impl<T: Message> Iterator for Messages<'_, T> {

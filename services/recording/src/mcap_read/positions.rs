@@ -36,7 +36,7 @@ impl Recording {
                 Err(_) => continue,
             };
             for &head in loaded.heads.iter().rev() {
-                if !wanted.remove(&head.channel) {
+                if !wanted.remove(&head.header.channel_id) {
                     continue;
                 }
                 let message = RawMessage { block: Arc::clone(&loaded), head };

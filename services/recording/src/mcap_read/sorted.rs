@@ -34,7 +34,7 @@ impl Recording {
             let first_ns = match block.times {
                 Some((first, _)) => Some(first),
                 None => match self.load(block, &mut buffer) {
-                    Ok(loaded) => loaded.heads.iter().map(|head| head.log_time_ns).min(),
+                    Ok(loaded) => loaded.heads.iter().map(|head| head.header.log_time).min(),
                     // Comes first, to yield its error.
                     Err(_) => Some(0),
                 },
@@ -54,7 +54,7 @@ impl Sorted<'_> {
         for (at, &head) in block.heads.iter().enumerate() {
             if self.selection.wants(&head) {
                 let message = RawMessage { block: Arc::clone(&block), head };
-                self.loaded.insert((head.log_time_ns, index, at), message);
+                self.loaded.insert((head.header.log_time, index, at), message);
             }
         }
         Ok(())

@@ -163,14 +163,14 @@ impl Writer {
                 .insert(key::REALTIME_OFFSET_NS.to_owned(), start.realtime_offset_ns.to_string());
             metadata.insert(key::STARTED_NS.to_owned(), now_ns.to_string());
             metadata.entry(key::PART.to_owned()).or_insert_with(|| "1".to_owned());
-            mcap.write_metadata(&Metadata { name: START_RECORD.to_owned(), metadata })?;
-            if !start.continues.is_empty() {
-                let metadata = metadata_keys::continues_record(&start.continues);
-                mcap.write_metadata(&Metadata { name: CONTINUES_RECORD.to_owned(), metadata })?;
-            }
-            if !start.run.is_empty() {
-                let metadata = start.run.clone();
-                mcap.write_metadata(&Metadata { name: RUN_RECORD.to_owned(), metadata })?;
+            let continues = metadata_keys::continues_record(&start.continues);
+            let records = [
+                (START_RECORD, metadata),
+                (CONTINUES_RECORD, continues),
+                (RUN_RECORD, start.run.clone()),
+            ];
+            for (name, metadata) in records.into_iter().filter(|(_, content)| !content.is_empty()) {
+                mcap.write_metadata(&Metadata { name: name.to_owned(), metadata })?;
             }
             let mut channels = Vec::with_capacity(TOPICS.len());
             for topic in TOPICS {
@@ -186,14 +186,10 @@ impl Writer {
             mcap.flush()?;
             Ok((mcap, channels))
         };
-        let begun = begin();
-        let (mcap, channels) = match begun {
-            Ok(begun) => begun,
-            Err(source) => {
-                shared.cut();
-                return Err(disk_error(path, source, 0));
-            }
-        };
+        let (mcap, channels) = begin().map_err(|source| {
+            shared.cut();
+            disk_error(path, source, 0)
+        })?;
         let longest = TOPICS.iter().map(|topic| topic.size).max().unwrap_or(0);
         Ok(Self {
             path: path.to_owned(),
@@ -229,13 +225,9 @@ impl Writer {
                 found: bytes.len(),
             });
         }
-        if let Some(cause) = &self.poisoned {
+        if self.poisoned.is_some() {
             self.counts[topic].refused += 1;
-            return Err(WriteError::Poisoned {
-                path: self.path.clone(),
-                cause: cause.clone(),
-                refused: self.refused(),
-            });
+            return self.sound();
         }
         let log_time = self.log_time(word(bytes, 24));
         self.payload.clear();
@@ -248,10 +240,8 @@ impl Writer {
             publish_time: log_time,
         };
         self.counts[topic].pending += 1;
-        match self.mcap.write_to_known_channel(&header, &self.payload) {
-            Ok(()) => Ok(()),
-            Err(source) => Err(self.poison(source)),
-        }
+        let written = self.mcap.write_to_known_channel(&header, &self.payload);
+        written.map_err(|source| self.poison(source))
     }
 
     /// Writes one typed message.
@@ -314,9 +304,7 @@ impl Writer {
         if self.poisoned.is_some() {
             return Ok(());
         }
-        if let Err(source) = self.mcap.flush() {
-            return Err(self.poison(source));
-        }
+        self.mcap.flush().map_err(|source| self.poison(source))?;
         for count in &mut self.counts {
             count.written += std::mem::take(&mut count.pending);
         }
@@ -331,13 +319,7 @@ impl Writer {
     /// before. The prefix on the disk stays readable.
     pub fn finish(mut self, losses: &[LossCounters]) -> Result<Summary, WriteError> {
         self.flush()?;
-        if let Some(cause) = &self.poisoned {
-            return Err(WriteError::Poisoned {
-                path: self.path.clone(),
-                cause: cause.clone(),
-                refused: self.refused(),
-            });
-        }
+        self.sound()?;
         let mut metadata = BTreeMap::from([(key::CLEAN_END.to_owned(), "true".to_owned())]);
         for (topic, count) in TOPICS.iter().zip(&self.counts) {
             metadata.insert(format!("{}.written", topic.name), count.written.to_string());
@@ -394,6 +376,12 @@ impl Writer {
     /// The error that ended the recording.
     pub fn error(&self) -> Option<&str> {
         self.poisoned.as_deref()
+    }
+
+    /// The error of an earlier call that ended the recording.
+    fn sound(&self) -> Result<(), WriteError> {
+        let Some(cause) = self.poisoned.clone() else { return Ok(()) };
+        Err(WriteError::Poisoned { path: self.path.clone(), cause, refused: self.refused() })
     }
 
     fn log_time(&self, time_ns: u64) -> u64 {

@@ -7,36 +7,71 @@ use super::{Finding, FindingKind, Gaps, Options, Problem};
 /// A step of at least this multiple of the median is a gap; a smaller one is jitter.
 const GAP: f64 = 1.5;
 
+/// The steps of a time that increases from row to row.
+pub(super) struct Steps<'a> {
+    time_s: &'a [f64],
+    rows: &'a [u64],
+    steps: Vec<f64>,
+    /// The median step (s).
+    pub(super) median: f64,
+}
+
+impl<'a> Steps<'a> {
+    /// `rows` are the numbers of the rows, for messages.
+    pub(super) fn new(time_s: &'a [f64], rows: &'a [u64]) -> Result<Self, Problem> {
+        let steps: Vec<f64> = time_s.windows(2).map(|pair| pair[1] - pair[0]).collect();
+        let mut sorted = steps.clone();
+        let (_, &mut median, _) = sorted.select_nth_unstable_by(steps.len() / 2, f64::total_cmp);
+        let steps = Self { time_s, rows, steps, median };
+        match steps.steps.iter().position(|step| step.is_nan() || *step <= 0.0) {
+            None => Ok(steps),
+            Some(at) => Err(Problem::TimeBackwards {
+                row: steps.row(at + 1),
+                before: time_s[at],
+                after: time_s[at + 1],
+            }),
+        }
+    }
+
+    fn row(&self, index: usize) -> u64 {
+        self.rows.get(index).copied().unwrap_or(index as u64 + 1)
+    }
+
+    /// The steps that are gaps: `is_gap` takes a step and the median one.
+    pub(super) fn gaps(&self, is_gap: impl Fn(f64, f64) -> bool) -> Vec<usize> {
+        (0..self.steps.len()).filter(|&at| is_gap(self.steps[at], self.median)).collect()
+    }
+
+    fn missing(&self, at: usize) -> u64 {
+        (self.steps[at] / self.median).round() as u64 - 1
+    }
+
+    /// Refuses gaps.
+    pub(super) fn refuse(&self, gaps: &[usize]) -> Result<(), Problem> {
+        let Some(&at) = gaps.first() else { return Ok(()) };
+        Err(Problem::Gap {
+            row: self.row(at + 1),
+            before: self.time_s[at],
+            after: self.time_s[at + 1],
+            missing: self.missing(at),
+            sampling_s: self.median,
+            gaps: gaps.len(),
+        })
+    }
+}
+
 /// Returns the rows to keep, their mean sampling time (s), and a finding where rows were left out.
 pub(super) fn uniform(
     time_s: &[f64],
     rows: &[u64],
     options: &Options,
 ) -> Result<(Range<usize>, f64, Option<Finding>), Problem> {
-    let row = |index: usize| rows.get(index).copied().unwrap_or(index as u64 + 1);
-    let steps: Vec<f64> = time_s.windows(2).map(|pair| pair[1] - pair[0]).collect();
-    if let Some(at) = steps.iter().position(|&step| step <= 0.0) {
-        return Err(Problem::TimeBackwards {
-            row: row(at + 1),
-            before: time_s[at],
-            after: time_s[at + 1],
-        });
+    let steps = Steps::new(time_s, rows)?;
+    let gaps = steps.gaps(|step, median| step >= GAP * median);
+    if options.gaps == Gaps::Refuse {
+        steps.refuse(&gaps)?;
     }
-    let mut sorted = steps.clone();
-    let middle = sorted.len() / 2;
-    let (_, &mut median, _) = sorted.select_nth_unstable_by(middle, f64::total_cmp);
-    let gaps: Vec<usize> = (0..steps.len()).filter(|&i| steps[i] >= GAP * median).collect();
-    let missing = |at: usize| (steps[at] / median).round() as u64 - 1;
-    if let (Some(&at), Gaps::Refuse) = (gaps.first(), options.gaps) {
-        return Err(Problem::Gap {
-            row: row(at + 1),
-            before: time_s[at],
-            after: time_s[at + 1],
-            missing: missing(at),
-            sampling_s: median,
-            gaps: gaps.len(),
-        });
-    }
+    let (row, median) = (|index| steps.row(index), steps.median);
     let (mut kept, mut start) = (0..0, 0);
     for end in gaps.iter().map(|&at| at + 1).chain([time_s.len()]) {
         if end - start > kept.len() {
@@ -44,7 +79,8 @@ pub(super) fn uniform(
         }
         start = end;
     }
-    let kept_steps = steps.iter().enumerate().take(kept.end.saturating_sub(1)).skip(kept.start);
+    let kept_steps =
+        steps.steps.iter().enumerate().take(kept.end.saturating_sub(1)).skip(kept.start);
     for (at, &step) in kept_steps {
         if (step - median).abs() > options.time_tolerance * median {
             return Err(Problem::NotUniform {
@@ -65,7 +101,7 @@ pub(super) fn uniform(
         text: format!(
             "{} gaps, {} samples missing: kept rows {} to {}, left out {} of {}",
             gaps.len(),
-            gaps.iter().map(|&at| missing(at)).sum::<u64>(),
+            gaps.iter().map(|&at| steps.missing(at)).sum::<u64>(),
             row(kept.start),
             row(kept.end - 1),
             time_s.len() - kept.len(),

@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use super::grid::Steps;
 use super::{Draft, Finding, FindingKind, Options, Problem, Record, RecordError, TIME};
 
 /// A time step beyond this multiple of the median is a gap, which is not interpolated.
@@ -26,25 +27,8 @@ impl Track {
         if self.time_s.len() < 3 {
             return Err(Problem::TooFewRows { expected: 3, found: self.time_s.len() });
         }
-        let steps: Vec<f64> = self.time_s.windows(2).map(|pair| pair[1] - pair[0]).collect();
-        let row = |at: usize| self.rows.get(at).copied().unwrap_or(at as u64 + 1);
-        if let Some(at) = steps.iter().position(|step| step.is_nan() || *step <= 0.0) {
-            let (before, after) = (self.time_s[at], self.time_s[at + 1]);
-            return Err(Problem::TimeBackwards { row: row(at + 1), before, after });
-        }
-        let middle = steps.len() / 2;
-        let median = *steps.clone().select_nth_unstable_by(middle, f64::total_cmp).1;
-        if let Some(at) = steps.iter().position(|step| *step > GAP * median) {
-            return Err(Problem::Gap {
-                row: row(at + 1),
-                before: self.time_s[at],
-                after: self.time_s[at + 1],
-                missing: (steps[at] / median).round() as u64 - 1,
-                sampling_s: median,
-                gaps: steps.iter().filter(|step| **step > GAP * median).count(),
-            });
-        }
-        Ok(())
+        let steps = Steps::new(&self.time_s, &self.rows)?;
+        steps.refuse(&steps.gaps(|step, median| step > GAP * median))
     }
 
     /// Mean rate (Hz).
