@@ -2,32 +2,21 @@
 
 use serde::{Deserialize, Serialize};
 
-/// The operator's verbs.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Verb {
-    /// Clears a fault that is no longer active.
-    Reset,
-    /// Makes ready; only a person does this.
-    Arm,
-    /// Powers the motor.
-    Enable,
-    /// Takes power and readiness away in good order.
-    Disarm,
-    /// Cuts power and latches.
-    Estop,
-}
+use crate::codes::codes;
 
-impl Verb {
-    /// The verb on the command line.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Reset => "reset",
-            Self::Arm => "arm",
-            Self::Enable => "enable",
-            Self::Disarm => "disarm",
-            Self::Estop => "estop",
-        }
+codes! {
+    /// The operator's verbs. Their words are those of the command line.
+    Verb {
+        /// Clears a fault that is no longer active.
+        Reset = 0, "reset";
+        /// Makes ready; only a person does this.
+        Arm = 1, "arm";
+        /// Powers the motor.
+        Enable = 2, "enable";
+        /// Takes power and readiness away in good order.
+        Disarm = 3, "disarm";
+        /// Cuts power and latches.
+        Estop = 4, "estop";
     }
 }
 
@@ -65,7 +54,7 @@ pub enum LoggerRequest {
 }
 
 /// Answer of the logger.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct LoggerAnswer {
     /// Present recording, if any.
     pub recording: Option<String>,

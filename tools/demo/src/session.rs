@@ -292,9 +292,9 @@ impl<'a> Session<'a> {
                         Err(error) => error.to_string(),
                     };
                     if begun.elapsed() > VERB_LIMIT {
-                        bail!("`{}` was refused for {VERB_LIMIT:?}: {refused}", verb.name());
+                        bail!("`{}` was refused for {VERB_LIMIT:?}: {refused}", verb.text());
                     }
-                    self.terminal.progress(format!("{}: {refused}", verb.name()));
+                    self.terminal.progress(format!("{}: {refused}", verb.text()));
                     self.pause(RETRY_PERIOD)?;
                     // A fault that came meanwhile sends the operator back to the first verb.
                     if verb != Verb::Reset

@@ -71,7 +71,7 @@ pub enum Error {
         reason: String,
     },
     /// The watchdog refused.
-    #[error("{} refused: {reason}", verb.name())]
+    #[error("{} refused: {reason}", verb.text())]
     Refused {
         /// The request.
         verb: Verb,

@@ -51,12 +51,7 @@ impl Drop for RequestReceiver {
 
 fn forward(loop_inbox: &mut Sender<PendingRequest>, request: LoggerRequest) -> LoggerAnswer {
     let (reply, answer) = mpsc::sync_channel(1);
-    let failed = |error: &str| LoggerAnswer {
-        recording: None,
-        written: 0,
-        lost: 0,
-        error: error.to_owned(),
-    };
+    let failed = |error: &str| LoggerAnswer { error: error.to_owned(), ..LoggerAnswer::default() };
     if loop_inbox.send(PendingRequest { request, reply }).is_err() {
         return failed("the logger is ending");
     }

@@ -30,7 +30,7 @@ pub(super) fn verb(rig_name: &RigName, verb: Verb, as_json: bool) -> anyhow::Res
     let mut out = std::io::stdout();
     if as_json {
         let value = json!({
-            "verb": verb.name(),
+            "verb": verb.text(),
             "done": answer.done,
             "state": answer.state,
             "reason": answer.reason,
