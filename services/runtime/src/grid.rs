@@ -66,11 +66,6 @@ impl Grid {
         self.missed
     }
 
-    /// The tick that a time belongs to.
-    pub fn tick_at(&self, time_ns: u64) -> u64 {
-        time_ns / self.period_ns
-    }
-
     /// When the loop wakes for a tick (ns).
     pub fn wake_time(&self, tick: u64) -> u64 {
         tick * self.period_ns + self.phase_ns

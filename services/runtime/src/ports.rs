@@ -9,7 +9,6 @@ use ipc_types::{Message, SequenceTracker, Topic, TypeVisitor, TypedTopic, visit_
 use thiserror::Error;
 
 use crate::clock::now_ns;
-use crate::domain::DomainError;
 use crate::identity::Identity;
 
 /// Most nodes on a topic: processes, probes, and those that died a moment ago.
@@ -70,11 +69,8 @@ where
 pub(crate) fn hold(
     node: &Node<ipc::Service>,
     topic: &Topic,
-) -> Result<Box<dyn std::any::Any>, DomainError> {
-    visit(topic, Hold { node, topic }).map_err(|error| DomainError::Library {
-        action: "creating a topic".to_owned(),
-        reason: error.to_string(),
-    })
+) -> Result<Box<dyn std::any::Any>, PortError> {
+    visit(topic, Hold { node, topic })
 }
 
 struct Hold<'a> {
@@ -161,11 +157,6 @@ impl<T: Message> Publisher<T> {
     /// Messages that at least one subscriber did not get because its connection is broken.
     pub fn undelivered(&self) -> u64 {
         self.undelivered
-    }
-
-    /// The sequence number that the next message gets.
-    pub fn next_sequence(&self) -> u64 {
-        self.sequence
     }
 
     /// Connects those that joined since the last message: a late subscriber gets its history only

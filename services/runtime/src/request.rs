@@ -14,8 +14,6 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 use thiserror::Error;
 
-use crate::domain::DomainError;
-
 const NODES: usize = 16;
 /// Most clients of a service.
 const CLIENTS: usize = 8;
@@ -128,29 +126,22 @@ fn open(node: &Node<ipc::Service>, service: &CommandService) -> Result<Factory, 
 pub(crate) fn hold(
     node: &Node<ipc::Service>,
     service: &CommandService,
-) -> Result<Box<dyn std::any::Any>, DomainError> {
-    let held = name_of(service).and_then(|name| {
-        node.service_builder(&name)
-            .request_response::<[u8], [u8]>()
-            .max_servers(3)
-            .max_clients(CLIENTS)
-            // One question at a time, one answer to each: with the library's defaults a segment is
-            // eight times as large.
-            .max_active_requests_per_client(1)
-            .max_loaned_requests(1)
-            .max_response_buffer_size(1)
-            .max_borrowed_responses_per_pending_response(1)
-            .max_nodes(NODES)
-            .open_or_create()
-            .map_err(failed(service.name, "creating"))
-    });
-    match held {
-        Ok(factory) => Ok(Box::new(factory)),
-        Err(error) => Err(DomainError::Library {
-            action: "creating a command service".to_owned(),
-            reason: error.to_string(),
-        }),
-    }
+) -> Result<Box<dyn std::any::Any>, RequestError> {
+    let factory = node
+        .service_builder(&name_of(service)?)
+        .request_response::<[u8], [u8]>()
+        .max_servers(3)
+        .max_clients(CLIENTS)
+        // One question at a time, one answer to each: with the library's defaults a segment is
+        // eight times as large.
+        .max_active_requests_per_client(1)
+        .max_loaned_requests(1)
+        .max_response_buffer_size(1)
+        .max_borrowed_responses_per_pending_response(1)
+        .max_nodes(NODES)
+        .open_or_create()
+        .map_err(failed(service.name, "creating"))?;
+    Ok(Box::new(factory))
 }
 
 /// Answers requests. Lives in a thread of its own, with a node of its own, never in a real-time

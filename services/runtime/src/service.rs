@@ -84,10 +84,8 @@ impl Service {
         let domain = Domain::open(&name)?;
         let node = domain.node(process.text())?;
         let identity = Identity { session: domain.session(), incarnation: random_u64() };
-        let events = match event_topic(process) {
-            Some(topic) => Some(Publisher::new(&node, topic, identity)?),
-            None => None,
-        };
+        let events = event_topic(process);
+        let events = events.map(|topic| Publisher::new(&node, topic, identity)).transpose()?;
         Ok(Self {
             process,
             node,

@@ -175,11 +175,6 @@ impl Card {
         self.taken_tick = self.taken_tick.max(tick);
     }
 
-    /// Highest tick that was read and published.
-    pub fn taken_tick(&self) -> u64 {
-        self.taken_tick
-    }
-
     /// Updates the enable line: at `time_ns` the watchdog `incarnation` reports that it has toggled
     /// the line `toggles` times. An unchanged count is no edge. A single edge does not restore
     /// power, since a restarting watchdog makes one when it initialises the line: motor power needs
@@ -299,7 +294,7 @@ impl Card {
 
     /// True motion of axis 0, without sensor errors; for tests.
     pub fn motion(&self) -> Motion {
-        self.plant.motion(0)
+        self.motion_of(0)
     }
 
     /// True motion of one axis, without sensor errors; all zero if the rig has no such axis.

@@ -94,10 +94,12 @@ impl Keeper {
         let node = make_node("keeper")?;
         let mut services: Vec<Box<dyn std::any::Any>> = Vec::new();
         for topic in TOPICS {
-            services.push(ports::hold(&node, topic)?);
+            let held = ports::hold(&node, topic);
+            services.push(held.map_err(|e| library("creating a topic")(e.to_string()))?);
         }
         for service in COMMAND_SERVICES {
-            services.push(request::hold(&node, service)?);
+            let held = request::hold(&node, service);
+            services.push(held.map_err(|e| library("creating a command service")(e.to_string()))?);
         }
         // The library makes one of its segments world-writable; the rest of the machine has no
         // business with it.

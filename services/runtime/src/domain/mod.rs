@@ -64,18 +64,6 @@ impl Domain {
     /// one of them lives, a new keeper rejoins the session. Waits up to 5 s for a keeper that is
     /// just founding it.
     pub fn open(name: &RigName) -> Result<Self, DomainError> {
-        Self::join(name)
-    }
-
-    /// Joins the domain of a rig as an observer (a probe, a person's command), which does not keep
-    /// the domain alive: the rig can go down, and up again with a new session, while the observer
-    /// still runs. It must end, or join again, once [`Domain::is_current`] is false. Waits like
-    /// [`Domain::open`].
-    pub fn observe(name: &RigName) -> Result<Self, DomainError> {
-        Ok(Self { _alive: None, ..Self::join(name)? })
-    }
-
-    fn join(name: &RigName) -> Result<Self, DomainError> {
         let directory = name.directory();
         let keeper_path = directory.join(KEEPER_LOCK);
         if !keeper_path.exists() {
@@ -107,6 +95,14 @@ impl Domain {
             }
             std::thread::sleep(Duration::from_millis(5));
         }
+    }
+
+    /// Joins the domain of a rig as an observer (a probe, a person's command), which does not keep
+    /// the domain alive: the rig can go down, and up again with a new session, while the observer
+    /// still runs. It must end, or join again, once [`Domain::is_current`] is false. Waits like
+    /// [`Domain::open`].
+    pub fn observe(name: &RigName) -> Result<Self, DomainError> {
+        Ok(Self { _alive: None, ..Self::open(name)? })
     }
 
     /// The rig's name.

@@ -10,7 +10,10 @@ pub enum Refusal {
     #[error("fault active: {0}; clear it, then `reset`")]
     FaultActive(TripCause),
     /// The verb needs another state first.
-    #[error("the watchdog is {found}, expected {expected}; {}", self.text())]
+    #[error(
+        "the watchdog is {found}, expected {expected}; {} first",
+        first_verb(*expected, *found)
+    )]
     State {
         /// State that the verb needs.
         expected: WatchdogState,
@@ -41,22 +44,11 @@ pub enum Refusal {
     EpochExhausted,
 }
 
-impl Refusal {
-    /// What to do, without formatting.
-    pub const fn text(&self) -> &'static str {
-        match self {
-            Self::FaultActive(cause) => cause.text(),
-            Self::State { found: WatchdogState::Faulted | WatchdogState::Tripped, .. } => {
-                "`reset` first"
-            }
-            Self::State { expected: WatchdogState::Armed, .. } => "`arm` first",
-            Self::State { .. } => "`disarm` first",
-            Self::Moving => "the machine moves",
-            Self::SpeedUnknown => "the speed is not known yet",
-            Self::GateOpen => "the gate is open without permission",
-            Self::MotorPowered => "the motor is powered although the enable line does not toggle",
-            Self::NoEnableLine => "the card has no enable line",
-            Self::EpochExhausted => "no higher enable epoch is left",
-        }
+/// The verb that leads to the expected state.
+const fn first_verb(expected: WatchdogState, found: WatchdogState) -> &'static str {
+    match (expected, found) {
+        (_, WatchdogState::Faulted | WatchdogState::Tripped) => "`reset`",
+        (WatchdogState::Armed, _) => "`arm`",
+        _ => "`disarm`",
     }
 }

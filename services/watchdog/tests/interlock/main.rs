@@ -187,7 +187,7 @@ fn sr_16_verbs_in_each_state() {
             assert_eq!(answer.ok(), expected, "{verb:?} in {state}");
             if let Err(refusal) = answer {
                 assert_eq!(world.interlock.state(), state);
-                assert!(!refusal.text().is_empty() && !refusal.to_string().is_empty());
+                assert!(!refusal.to_string().is_empty());
             }
             let output = world.cycle();
             let to = expected.unwrap_or(state);
