@@ -21,7 +21,7 @@ use crate::transmission::{
     Correction, EnergyBalance, ImposedMotion, Input, Motion, PendingStep, Reading, State,
     Transmission, TransmissionParameters,
 };
-use crate::{ParameterError, ParameterInfo, ParameterSet, cable, hydrostatic};
+use crate::{ParameterError, ParameterInfo, cable, hydrostatic};
 
 macro_rules! transmissions {
     ($($(#[$doc:meta])* $kind:ident: $module:ident, $word:literal;)+) => {
@@ -147,19 +147,6 @@ transmissions! {
     Hydrostatic: hydrostatic, "hydrostatic";
     /// Two cables (ch. 5).
     Cable: cable, "cable";
-}
-impl ParameterSet for Parameters {
-    fn infos(&self) -> &'static [ParameterInfo] {
-        self.deref().infos()
-    }
-
-    fn get(&self, name: &str) -> Option<f64> {
-        self.deref().get(name)
-    }
-
-    fn set(&mut self, name: &str, value: f64) -> Result<(), ParameterError> {
-        self.deref_mut().set(name, value)
-    }
 }
 
 impl Plant {

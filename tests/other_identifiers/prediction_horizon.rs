@@ -21,7 +21,6 @@ use std::path::PathBuf;
 use anyhow::{Context as _, bail};
 use clap::Parser;
 use identify::prediction_error::transmission_model::acts_on_torque_alone;
-use plant::ParameterSet as _;
 use plant::effects::{self, Effect, Site};
 use plant::transmission::{Correction, Input, Transmission as _};
 use plant::transmission_kinds;

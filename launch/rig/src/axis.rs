@@ -70,7 +70,6 @@ impl Axis {
             rates,
         );
         let model = Parameter::read_all(&section.section("model"));
-        section.finish();
         Self { name, unit, master, slave, torque, limits, control, model }
     }
 }

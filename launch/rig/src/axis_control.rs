@@ -91,10 +91,7 @@ impl AxisControl {
             accept_unstable: section.flag_or("accept_unstable", false),
             force: torque.map(|torque| {
                 let force = section.section("force");
-                let scale = unit.si_per_file_unit();
-                let control = ForceControl::read(&force, master, torque, travel, scale);
-                force.finish();
-                control
+                ForceControl::read(&force, master, torque, travel, unit.si_per_file_unit())
             }),
             options: ControlOptions::read(&section, unit, slave, travel),
         };
@@ -102,7 +99,6 @@ impl AxisControl {
             let advice = "add the axis's torque channel, or take the section out";
             section.misplaced("force", "no force control where no torque is measured", advice);
         }
-        section.finish();
         control
     }
 }
@@ -125,7 +121,6 @@ impl Feedforward {
         let floor = section.number_or("friction_floor_v", f64::min(floor, peak), floors);
         let inertias = bounds(0.0, 10.0, "inertia divided by torque per volt");
         let inertia_v = section.number_or(inertia, 0.0, inertias);
-        section.finish();
         Self { friction_peak_v: peak, friction_floor_v: floor, inertia_v }
     }
 }

@@ -54,15 +54,13 @@ impl Channel {
         section.document("[[channels]]", KEYS);
         let inputs = "the card has 16 inputs, counted from 0";
         let range = bounds(0.05, 10.0, "the card measures ±0.05 V to ±10 V");
-        let channel = Self {
+        Self {
             index: section.whole("index", 0, ANALOG as u64 - 1, inputs) as usize,
             name: section.text("name"),
             kind: section.word("kind", ChannelKind::WORDS).unwrap_or(ChannelKind::Other),
             unit: section.text_or_none("unit").unwrap_or_else(|| "V".to_owned()),
             range_v: section.number_or("range_v", 10.0, range),
-        };
-        section.finish();
-        channel
+        }
     }
 
     /// Checks that inputs and names are unique.

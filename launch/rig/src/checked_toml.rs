@@ -46,17 +46,10 @@ impl<'a> Source<'a> {
     pub(crate) fn parse(&self) -> Result<Spanned<DeTable<'a>>, FileError> {
         DeTable::parse(self.text).map_err(|error| {
             let message = error.message().lines().collect::<Vec<_>>().join(", ");
-            FileError::Invalid {
-                problems: vec![Problem {
-                    file: self.file.to_owned(),
-                    line: error.span().map_or(1, |span| self.line(span.start)),
-                    key: String::new(),
-                    expected: "valid TOML".to_owned(),
-                    found: format!("an error: {message}"),
-                    advice: "correct the line; comments begin with #, texts are in quotes"
-                        .to_owned(),
-                }],
-            }
+            let line = error.span().map_or(1, |span| self.line(span.start));
+            let advice = "correct the line; comments begin with #, texts are in quotes";
+            let found = format!("an error: {message}");
+            Problem::new(self.file, line, "", "valid TOML", found, advice).into()
         })
     }
 
@@ -115,14 +108,8 @@ impl<'a> Source<'a> {
         found: impl Display,
         advice: impl Display,
     ) {
-        self.problems.borrow_mut().push(Problem {
-            file: self.file.to_owned(),
-            line,
-            key: key.to_owned(),
-            expected: expected.to_string(),
-            found: found.to_string(),
-            advice: advice.to_string(),
-        });
+        let problem = Problem::new(self.file, line, key, expected, found, advice);
+        self.problems.borrow_mut().push(problem);
     }
 
     /// Whether no problem was reported so far.
@@ -330,28 +317,20 @@ impl<'s> Section<'s> {
             self.problem(key, expected, "this key", advice);
         }
     }
+}
 
-    /// Reports the unknown keys. To be called when all keys were read.
-    pub(crate) fn finish(self) {
-        let known = self.known.borrow();
-        for key in self.keys() {
-            if known.contains(&key) {
-                continue;
-            }
-            let span = self
-                .table
-                .and_then(|table| table.get_key_value(key.as_str()))
-                .map(|(name, _)| name.span());
-            let line = span.map_or(self.line, |span| self.source.line(span.start));
-            let mut names: Vec<_> = known.iter().map(String::as_str).collect();
-            names.sort_unstable();
-            names.dedup();
-            let advice = match nearest(&key, names.iter().copied()) {
+/// Reports the unknown keys: a section goes out of scope when all its keys were read.
+impl Drop for Section<'_> {
+    fn drop(&mut self) {
+        let mut known = self.known.take();
+        known.sort_unstable();
+        known.dedup();
+        for key in self.keys().iter().filter(|key| !known.contains(key)) {
+            let advice = match nearest(key, known.iter().map(String::as_str)) {
                 Some(name) => format!("did you mean `{name}`?"),
                 None => "take it out".to_owned(),
             };
-            let expected = format!("one of {}", names.join(", "));
-            self.source.problem_on(line, &self.path(&key), expected, "an unknown key", advice);
+            self.problem(key, format!("one of {}", known.join(", ")), "an unknown key", advice);
         }
     }
 }

@@ -187,13 +187,10 @@ impl ControlOptions {
     ) -> Self {
         let section = control.section("compensation");
         let compensation = Compensation::read(&section, unit);
-        section.finish();
         let section = control.section("observer");
         let observer = section.exists().then(|| Observer::read(&section));
-        section.finish();
         let section = control.section("slave");
         let slave_loop = section.exists().then(|| SlaveLoop::read(&section, unit, travel));
-        section.finish();
         if slave.is_none() {
             let advice = "add the axis's slave encoder, or take the section out";
             let expected = "no slave loop where the slave's position is not measured";

@@ -73,10 +73,8 @@ impl ModelEffect {
             let value = table.number(&name, any);
             (name, value)
         });
-        let effect = Self { id: id?, site: site?, parameters: parameters.collect() };
-        table.finish();
-        section.finish();
-        Some(effect)
+        let parameters = parameters.collect();
+        Some(Self { id: id?, site: site?, parameters })
     }
 
     /// Reads every entry of `[[model.effects]]`.

@@ -53,7 +53,6 @@ impl Encoder {
             AxisUnit::Radian if geared => section.number_or("turns_per_handle_turn", 1.0, GEAR),
             _ => 1.0,
         };
-        section.finish();
         let turn = unit.choose(std::f64::consts::TAU, 1.0);
         Self { counts_per_unit: turns * counts / turn, turns_per_handle_turn: turns, inverted }
     }

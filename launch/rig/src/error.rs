@@ -42,9 +42,7 @@ pub enum FileError {
 impl FileError {
     /// A model that lacks what the caller needs: of another kind, or with a value out of range.
     pub(crate) fn wrong_model(file: &str, key: &str, expected: String, found: String) -> Self {
-        let advice = "use a rig file with that model".to_owned();
-        let (file, key) = (file.to_owned(), key.to_owned());
-        Self::Invalid { problems: vec![Problem { file, line: 1, key, expected, found, advice }] }
+        Problem::new(file, 1, key, expected, found, "use a rig file with that model").into()
     }
 
     /// The problems; empty where the file could not be read.
@@ -76,6 +74,12 @@ impl fmt::Display for Lines<'_> {
     }
 }
 
+impl From<Problem> for FileError {
+    fn from(problem: Problem) -> Self {
+        Self::Invalid { problems: vec![problem] }
+    }
+}
+
 /// One problem in a file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Problem {
@@ -91,6 +95,26 @@ pub struct Problem {
     pub found: String,
     /// What to do; may be empty.
     pub advice: String,
+}
+
+impl Problem {
+    pub(crate) fn new(
+        file: &str,
+        line: usize,
+        key: &str,
+        expected: impl fmt::Display,
+        found: impl fmt::Display,
+        advice: impl fmt::Display,
+    ) -> Self {
+        Self {
+            file: file.to_owned(),
+            line,
+            key: key.to_owned(),
+            expected: expected.to_string(),
+            found: found.to_string(),
+            advice: advice.to_string(),
+        }
+    }
 }
 
 impl fmt::Display for Problem {

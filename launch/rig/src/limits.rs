@@ -63,7 +63,7 @@ impl Limits {
             section.problem(torque_key, "no limit where nothing is measured", "a limit", advice);
         }
         let jumps = "several times what the speed limit allows in one scan";
-        let limits = Self {
+        Self {
             position_min: section.number(min, position) * scale,
             position_max: section.number(max, position) * scale,
             speed_max: section.number(speed_key, speed) * scale,
@@ -75,8 +75,6 @@ impl Limits {
             },
             encoder_jump_counts: section.whole("encoder_jump_counts", 2, 1_000_000_000, jumps)
                 as i64,
-        };
-        section.finish();
-        limits
+        }
     }
 }

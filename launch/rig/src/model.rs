@@ -1,6 +1,7 @@
 //! The declared model: its kind, its parameters with tolerances, its effects.
 
-use plant::{ParameterInfo, ParameterSet, drive, transmission_kinds};
+use plant::ParameterInfo;
+use plant::transmission_kinds::{Kind, Parameters};
 
 use crate::checked_toml::{Keys, Section, bounds};
 use crate::effect::ModelEffect;
@@ -25,7 +26,7 @@ pub struct Model {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum ModelKind {
     /// A master and a slave joined by two lines.
-    Transmission(transmission_kinds::Kind),
+    Transmission(Kind),
     /// One mass with friction, driven by a force.
     Drive,
     /// Mass, damper, spring.
@@ -37,7 +38,7 @@ pub enum ModelKind {
 impl ModelKind {
     /// All kinds: the transmissions of [`plant::transmission_kinds`], then the others.
     pub fn all() -> impl Iterator<Item = Self> {
-        let transmissions = transmission_kinds::Kind::ALL.iter().copied().map(Self::Transmission);
+        let transmissions = Kind::ALL.iter().copied().map(Self::Transmission);
         transmissions.chain([Self::Drive, Self::Oscillator, Self::Element])
     }
 
@@ -79,10 +80,6 @@ pub(crate) const MOTOR_TURN: ParameterInfo = ParameterInfo {
     source: "EMPS: Janot, Gautier, Brunot 2019",
 };
 
-fn is_motor_parameter(kind: ModelKind, name: &str) -> bool {
-    kind == ModelKind::Drive && [FORCE_PER_VOLT.name, MOTOR_TURN.name].contains(&name)
-}
-
 const KEYS: Keys = &[
     ("kind", "Which equations the model has."),
     ("parameters", "Declared parameters; those left out have their printed values."),
@@ -109,11 +106,7 @@ impl Model {
     }
 
     /// Constants of one axis's transmission.
-    pub(crate) fn of_axis(
-        &self,
-        own: &[Parameter],
-        file: &str,
-    ) -> Result<transmission_kinds::Parameters, RigError> {
+    pub(crate) fn of_axis(&self, own: &[Parameter], file: &str) -> Result<Parameters, RigError> {
         self.with(own).transmission(file)
     }
 
@@ -121,38 +114,16 @@ impl Model {
     ///
     /// # Errors
     /// [`RigError::Invalid`] where the model is no transmission; `file` names the file in it.
-    pub fn transmission(&self, file: &str) -> Result<transmission_kinds::Parameters, RigError> {
-        if let ModelKind::Transmission(kind) = self.kind {
-            return self.fill(self.kind, kind.printed(), file);
-        }
-        let names: Vec<_> = transmission_kinds::Kind::ALL
-            .iter()
-            .map(|kind| format!("\"{}\"", kind.name()))
-            .collect();
-        let expected = format!("a transmission: the model {}", names.join(" or "));
-        let found = format!("\"{}\"", self.kind.name());
-        Err(RigError::wrong_model(file, "model.kind", expected, found))
-    }
-
-    /// Constants of a one-mass drive; those not declared are those of EMPS.
-    pub(crate) fn drive(&self, file: &str) -> Result<drive::Parameters, RigError> {
-        self.fill(ModelKind::Drive, drive::Parameters::default(), file)
-    }
-
-    fn fill<P: ParameterSet>(
-        &self,
-        kind: ModelKind,
-        mut parameters: P,
-        file: &str,
-    ) -> Result<P, RigError> {
-        if self.kind != kind {
-            let (expected, found) =
-                (format!("the model \"{}\"", kind.name()), format!("\"{}\"", self.kind.name()));
+    pub fn transmission(&self, file: &str) -> Result<Parameters, RigError> {
+        let ModelKind::Transmission(kind) = self.kind else {
+            let names: Vec<_> =
+                Kind::ALL.iter().map(|kind| format!("\"{}\"", kind.name())).collect();
+            let expected = format!("a transmission: the model {}", names.join(" or "));
+            let found = format!("\"{}\"", self.kind.name());
             return Err(RigError::wrong_model(file, "model.kind", expected, found));
-        }
-        for declared in
-            self.parameters.iter().filter(|declared| !is_motor_parameter(kind, &declared.name))
-        {
+        };
+        let mut parameters = kind.printed();
+        for declared in &self.parameters {
             parameters.set(&declared.name, declared.value).map_err(|error| {
                 let key = format!("model.parameters.{}", declared.name);
                 let expected = "a value within the model's range".to_owned();
@@ -165,14 +136,13 @@ impl Model {
     pub(crate) fn read(section: Section<'_>) -> Self {
         section.document("[model]", KEYS);
         let kinds: Vec<_> = ModelKind::all().map(|kind| (kind.name(), kind)).collect();
-        let assumed = ModelKind::Transmission(transmission_kinds::Kind::Hydrostatic);
+        let assumed = ModelKind::Transmission(Kind::Hydrostatic);
         let kind = section.word("kind", &kinds).unwrap_or(assumed);
         let parameters = Parameter::read_all(&section.section("parameters"));
         let effects = ModelEffect::read_all(&section);
         let products = bounds(-1.0, 1.0, "in kg·m²; a handle of 1 kg at 0.1 m has 0.01");
         let handle_coupling =
             section.numbers_or_none("handle_coupling_kg_m2", products).unwrap_or_default();
-        section.finish();
         Self { kind, parameters, effects, handle_coupling }
     }
 }

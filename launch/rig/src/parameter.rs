@@ -87,7 +87,6 @@ impl Parameter {
                     let advice = "keep the fraction, or the absolute one for a value near 0";
                     section.problem("tolerance_absolute", "one tolerance", "two", advice);
                 }
-                section.finish();
                 parameter
             }
         }

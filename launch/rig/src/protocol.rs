@@ -128,7 +128,6 @@ impl Protocol {
         let description = head.text_or_none("description").unwrap_or_default();
         let repeat =
             head.whole_or("repeat", 1, 1, 1000, "how often the whole list is played") as u32;
-        head.finish();
         let segments: Vec<_> =
             root.sections("segments").into_iter().enumerate().map(Segment::read).collect();
         if segments.is_empty() {
@@ -158,7 +157,6 @@ impl Protocol {
             let advice = "split the protocol";
             root.problem("segments", format!("at most {LONGEST_S} s in all"), found, advice);
         }
-        root.finish();
         protocol
     }
 

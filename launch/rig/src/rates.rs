@@ -62,14 +62,12 @@ impl Rates {
         let printed = "§ 2.2 controls at 500 Hz and wants 1000 Hz";
         let in_time = "at 1000 Hz the enable line toggles in time";
         let enough = "the rate of control is enough";
-        let rates = Self {
+        Self {
             acquisition_hz: rate("acquisition_hz", Process::Acquisition, 100, 10_000, at_2000),
             control_hz: rate("control_hz", Process::Control, 50, 2_000, printed),
             watchdog_hz: rate("watchdog_hz", Process::Watchdog, 100, 5_000, in_time),
             experiment_hz: rate("experiment_hz", Process::Experiment, 50, 2_000, enough),
-        };
-        section.finish();
-        rates
+        }
     }
 
     fn named(&self) -> [(&'static str, u32); 4] {
@@ -166,15 +164,13 @@ impl Phases {
             let advice = "whole µs, within the loop's own period";
             section.whole_or(process.text(), default, 0, 20_000, advice) * 1000
         };
-        let phases = Self {
+        Self {
             simulator_ns: phase(Process::Simulator),
             acquisition_ns: phase(Process::Acquisition),
             control_ns: phase(Process::Control),
             watchdog_ns: phase(Process::Watchdog),
             experiment_ns: phase(Process::Experiment),
-        };
-        section.finish();
-        phases
+        }
     }
 
     /// Each phase lies within its loop's period; simulator, acquisition and control follow in the

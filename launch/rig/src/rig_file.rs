@@ -12,7 +12,7 @@ use crate::checked_toml::{Keys, Section};
 use crate::effect::{ModelEffect, ModelEffectError};
 use crate::error::RigError;
 use crate::identity::identity;
-use crate::model::{Model, ModelKind};
+use crate::model::Model;
 use crate::rates::{Phases, Rates};
 use crate::simulation::Simulation;
 
@@ -71,7 +71,7 @@ impl RigFile {
             let expected = format!("at most {ANALOG} channels");
             root.problem("channels", expected, channels.len(), "take some out");
         }
-        let rig = Self {
+        Self {
             name: root.text("name"),
             description: root.text_or_none("description").unwrap_or_default(),
             rates,
@@ -84,17 +84,7 @@ impl RigFile {
             text: text.to_owned(),
             file_name: file_name.to_owned(),
             identity: identity(text),
-        };
-        root.finish();
-        rig
-    }
-
-    /// Constants of the transmission, of any kind; those not declared have their printed values.
-    ///
-    /// # Errors
-    /// [`RigError::Invalid`] where the model is no transmission ([`ModelKind::is_transmission`]).
-    pub fn transmission_parameters(&self) -> Result<Parameters, RigError> {
-        self.model.transmission(&self.file_name)
+        }
     }
 
     /// Constants of one axis's transmission: [`Model::parameters`], overridden by `axes.model`.
@@ -108,20 +98,6 @@ impl RigFile {
     /// Declared model of one axis: that of the file, overridden by `axes.model`.
     pub fn axis_model(&self, axis: &Axis) -> Model {
         self.model.with(&axis.model)
-    }
-
-    /// Constants of the one-mass drive; those not declared are those of EMPS.
-    ///
-    /// # Errors
-    /// [`RigError::Invalid`] where the model is of another kind.
-    pub fn drive_parameters(&self) -> Result<plant::drive::Parameters, RigError> {
-        self.model.drive(&self.file_name)
-    }
-
-    /// Force of a drive's motor per volt (N/V); `None` where the model is of another kind.
-    pub fn force_per_volt(&self) -> Option<f64> {
-        let parameter = self.model.parameter(crate::model::FORCE_PER_VOLT.name);
-        parameter.filter(|_| self.model.kind == ModelKind::Drive).map(|parameter| parameter.value)
     }
 
     /// The declared effects, for the plant of an axis.
@@ -228,14 +204,12 @@ impl Replay {
             ("master_rad", "slave_rad", "slave_torque_nm"),
             ("position_m", "slave_m", "slave_force_n"),
         );
-        let replay = Self {
+        Self {
             time: column("time", "t_s"),
             position: column("position", position),
             motor_v: column("motor_v", "motor_v"),
             slave_position: column("slave_position", slave),
             torque: column("torque", torque),
-        };
-        section.finish();
-        replay
+        }
     }
 }

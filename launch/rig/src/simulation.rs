@@ -89,7 +89,7 @@ impl Simulation {
         let bandwidth = bounds(0.1, 1e5, "in Hz; an optical cell is far faster than a hand");
         let drift = bounds(-1.0, 1.0, "in V/s; 1 mV a minute is 1.7e-5");
         let walk = bounds(0.0, 1.0, "in V/√s; 1e-3 is a standard deviation of 60 mV after an hour");
-        let simulation = Self {
+        Self {
             seed: section.whole_or("seed", 1, 0, i64::MAX as u64, "any whole number"),
             encoder_noise_counts: noise("encoder_noise_counts", 0.3, "a fraction of a count"),
             torque_noise_v: noise("torque_noise_v", 0.002, "in V, standard deviation"),
@@ -101,9 +101,7 @@ impl Simulation {
             scanner: read_scanner(&section),
             end_stops: read_end_stops(&section, unit),
             hand: Hand::read(section.section("hand"), unit),
-        };
-        section.finish();
-        simulation
+        }
     }
 
     /// Checks the scanner against channels and rates.
@@ -255,15 +253,13 @@ impl Hand {
             ("amplitude_m", 0.05, 5.0, "either way, in m; of a moving hand"),
         );
         let amplitude = positive(key, default, most, advice);
-        let hand = Self {
+        Self {
             kind: section.word_or("kind", words, HandKind::Passive),
             inertia: positive("inertia", 0.0, 5.0, "kg·m², or kg on an axis in m"),
             damping: positive("damping", 0.05, 100.0, "N·m·s/rad, or N·s/m on an axis in m"),
             stiffness: positive("stiffness", 0.3, 1e4, "N·m/rad, or N/m on an axis in m"),
             amplitude: unit.si_per_file_unit() * amplitude,
             frequency_hz: positive("frequency_hz", 1.0, 10.0, "in Hz, of a moving hand"),
-        };
-        section.finish();
-        hand
+        }
     }
 }

@@ -51,7 +51,6 @@ impl TorqueChannel {
         }
         let offset = bounds(-10.0, 10.0, "the reading without torque, in V");
         let offset_v = section.number_or("offset_v", 0.0, offset);
-        section.finish();
         Self { channel, volts_per_unit, offset_v }
     }
 }

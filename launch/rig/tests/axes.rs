@@ -50,7 +50,7 @@ fn an_axis_has_the_models_parameters_but_for_its_own() {
     };
     assert_eq!([length(0), length(1), length(2)], [10.0, 10.0, 8.0]);
     let all = rig.axis_parameters(&rig.axes[0]).unwrap();
-    assert_eq!(all, rig.transmission_parameters().unwrap());
+    assert_eq!(all, rig.model.transmission("").unwrap());
     let message = refused(THREE, "hose_length_m = { value = 8.0", "hose_lenght_m = { value = 8.0");
     assert!(
         message

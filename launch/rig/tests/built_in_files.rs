@@ -69,7 +69,7 @@ fn the_cable_rig_is_the_test_bed_of_chapter_5() {
     // § 5.1: 5000 lines at the motor and at the handle
     assert!((axis.master.position(6 * 20_000) - std::f64::consts::TAU).abs() < 1e-12);
     assert!((axis.slave.unwrap().position(20_000) - std::f64::consts::TAU).abs() < 1e-12);
-    let declared = rig.transmission_parameters().unwrap();
+    let declared = rig.model.transmission("").unwrap();
     let traced = plant::cable::Parameters::traced();
     for info in plant::cable::Parameters::NAMES {
         let parameter = rig
@@ -136,8 +136,8 @@ fn a_rig_keeps_its_text_and_a_stable_identity() {
 
 #[test]
 fn declared_parameters_reach_the_model() {
-    let traced = shipped("hydrostatic.toml").transmission_parameters().unwrap();
-    let printed = shipped("hydrostatic-printed.toml").transmission_parameters().unwrap();
+    let traced = shipped("hydrostatic.toml").model.transmission("").unwrap();
+    let printed = shipped("hydrostatic-printed.toml").model.transmission("").unwrap();
     assert_eq!(printed, Kind::Hydrostatic.printed());
     let reference = plant::hydrostatic::Parameters::traced().line_stiffness_factor;
     let declared = traced.get("line_stiffness_factor").unwrap();
@@ -153,16 +153,14 @@ fn declared_parameters_reach_the_model() {
     );
     let edited = edited.replace("[axes.control]\n", "[axes.control]\naccept_unstable = true\n");
     let edited = RigFile::parse(&edited, "cable.toml").unwrap();
-    let undeclared = edited.transmission_parameters().unwrap().get("cable_stiffness_factor");
+    let undeclared = edited.model.transmission("").unwrap().get("cable_stiffness_factor");
     assert_eq!(undeclared, Some(1.0), "left out, it is as printed");
-    let error = cable.drive_parameters().unwrap_err().to_string();
-    assert!(error.contains("expected the model \"drive\", found \"cable\""), "{error}");
 
     let emps = shipped("emps.toml");
-    let error = emps.transmission_parameters().unwrap_err().to_string();
+    let error = emps.model.transmission("").unwrap_err().to_string();
     assert!(error.contains("the model \"hydrostatic\" or \"cable\", found \"drive\""), "{error}");
-    assert_eq!(emps.drive_parameters().unwrap().mass_kg, 100.0);
-    assert_eq!(emps.force_per_volt(), Some(35.15065));
+    let value = |name| emps.model.parameter(name).unwrap().value;
+    assert_eq!((value("mass_kg"), value("force_per_volt_n")), (100.0, 35.15065));
     assert!(error.ends_with("found \"drive\"; use a rig file with that model"), "{error}");
 }
 

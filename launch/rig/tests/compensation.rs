@@ -65,7 +65,7 @@ fn the_hydrostatic_model_in_volts() {
     let rig = RigFile::parse(RIG, "hydrostatic.toml").unwrap();
     let model = rig.reflected_dynamics(0).unwrap();
     let plant::transmission_kinds::Parameters::Hydrostatic(parameters) =
-        rig.transmission_parameters().unwrap()
+        rig.model.transmission("").unwrap()
     else {
         panic!("a hydrostatic rig");
     };
@@ -92,7 +92,7 @@ fn the_cable_model_in_volts_of_handle_coordinates() {
     let rig = RigFile::parse(CABLE, "cable.toml").unwrap();
     let model = rig.reflected_dynamics(0).unwrap();
     let plant::transmission_kinds::Parameters::Cable(parameters) =
-        rig.transmission_parameters().unwrap()
+        rig.model.transmission("").unwrap()
     else {
         panic!("a cable rig");
     };

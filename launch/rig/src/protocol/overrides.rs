@@ -33,16 +33,7 @@ pub fn with_overrides<S: AsRef<str>>(
 }
 
 fn problem(line: usize, key: &str, expected: &str, found: &str, advice: &str) -> ProtocolError {
-    ProtocolError::Invalid {
-        problems: vec![Problem {
-            file: "--set".to_owned(),
-            line,
-            key: key.to_owned(),
-            expected: expected.to_owned(),
-            found: found.to_owned(),
-            advice: advice.to_owned(),
-        }],
-    }
+    Problem::new("--set", line, key, expected, found, advice).into()
 }
 
 fn set(document: &mut DocumentMut, line: usize, assignment: &str) -> Result<(), ProtocolError> {

@@ -40,7 +40,7 @@ impl Segment {
         section.document("[[segments]]", KEYS);
         let (movement, unit) = Movement::read(&section);
         let (axis, movement, companions) = coupled_axes::read(&section, movement);
-        let segment = Self {
+        Self {
             label: section
                 .text_or_none("label")
                 .unwrap_or_else(|| format!("{} {}", movement.kind().replace('_', " "), index + 1)),
@@ -50,9 +50,7 @@ impl Segment {
                 as u32,
             movement,
             companions,
-        };
-        section.finish();
-        segment
+        }
     }
 
     /// Every axis that moves, with its movement.

@@ -370,7 +370,7 @@ mod tests {
                     "{movement:?} at {time}"
                 );
             }
-            let plant = rig.transmission_parameters().unwrap().plant(Vec::new()).unwrap();
+            let plant = rig.model.transmission("").unwrap().plant(Vec::new()).unwrap();
             let record = capability.record(movement, plant);
             let reach =
                 record.master.iter().fold(0.0f64, |most, position| position.abs().max(most));

@@ -1,6 +1,5 @@
 //! The declared transmission model with its tolerances, and its innovations along a record.
 
-use plant::ParameterSet;
 use plant::effects::{self, Effect, Moment, Site};
 use plant::transmission::{Correction, Input, Reading, Transmission as _};
 use plant::transmission_kinds;

@@ -34,7 +34,7 @@ pub(crate) fn record(
     push_v: f64,
     cell: &dyn Fn(f64) -> f64,
 ) -> Record {
-    let declared = rig().transmission_parameters().unwrap();
+    let declared = rig().model.transmission("").unwrap();
     let transmission_kinds::Parameters::Hydrostatic(mut own) = declared else {
         panic!("a hydrostatic rig")
     };

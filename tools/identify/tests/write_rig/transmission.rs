@@ -17,7 +17,7 @@ fn a_plant_from_the_file_is_the_fitted_one() {
     let of_file = moved(rig.axis_parameters(&rig.axes[0]).unwrap(), rig.model_effects().unwrap());
 
     let Parameters::Hydrostatic(mut own) =
-        RigFile::parse(RIG, "rig.toml").unwrap().transmission_parameters().unwrap()
+        RigFile::parse(RIG, "rig.toml").unwrap().model.transmission("").unwrap()
     else {
         panic!("a hydrostatic rig")
     };
@@ -47,10 +47,8 @@ fn a_plant_from_the_file_is_the_fitted_one() {
         "{plain:?} {long:?}"
     );
     // And it is another one than the declared.
-    let declared = moved(
-        RigFile::parse(RIG, "rig.toml").unwrap().transmission_parameters().unwrap(),
-        Vec::new(),
-    );
+    let declared =
+        moved(RigFile::parse(RIG, "rig.toml").unwrap().model.transmission("").unwrap(), Vec::new());
     assert!((of_file.slave_position_rad - declared.slave_position_rad).abs() > 1e-3);
 }
 

@@ -155,8 +155,7 @@ struct Problems {
 
 impl Problems {
     fn add(&mut self, line: usize, key: &str, expected: String, found: String, advice: &str) {
-        let (file, key, advice) = (self.file.clone(), key.to_owned(), advice.to_owned());
-        self.list.push(Problem { file, line, key, expected, found, advice });
+        self.list.push(Problem::new(&self.file, line, key, expected, found, advice));
     }
 
     /// Reads the number in a column of a row.
