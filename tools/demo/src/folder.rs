@@ -1,41 +1,15 @@
 //! The output folder of a run.
 
 use std::fs;
-use std::io;
 use std::path::{Path, PathBuf};
+
+use anyhow::{Context as _, bail};
 
 /// A file that marks a folder of the demo, so that the next run may replace the results in it.
 const MARK: &str = ".farreach-demo";
 const RECORDING: &str = "run.mcap";
 const PAGE: &str = "report.html";
 const SUMMARY: &str = "summary.json";
-
-/// The folder cannot be used.
-#[derive(Debug, thiserror::Error)]
-pub enum FolderError {
-    /// A file of that name was not written by a demo.
-    #[error(
-        "{}: has a {file} that no demo wrote; nothing was overwritten: choose another folder with \
-            --out, or move the file away",
-        folder.display()
-    )]
-    NotOurs {
-        /// The folder.
-        folder: PathBuf,
-        /// The file in it.
-        file: String,
-    },
-    /// A system call failed.
-    #[error("cannot {doing} {}: {source}", path.display())]
-    Io {
-        /// The operation.
-        doing: &'static str,
-        /// Its file or folder.
-        path: PathBuf,
-        /// The system's error.
-        source: io::Error,
-    },
-}
 
 /// A folder that is ready for a run.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -46,19 +20,21 @@ impl Folder {
     /// its summary. Other files stay.
     ///
     /// # Errors
-    /// [`FolderError::NotOurs`] where one of those names is taken by a file that no demo wrote;
-    /// [`FolderError::Io`].
-    pub fn prepare(path: &Path) -> Result<Self, FolderError> {
+    /// Where one of those names is taken by a file that no demo wrote, or the system refuses.
+    pub fn prepare(path: &Path) -> anyhow::Result<Self> {
         let wrong = |doing, path: &Path| {
-            let path = path.to_owned();
-            move |source| FolderError::Io { doing, path, source }
+            let path = path.display().to_string();
+            move || format!("cannot {doing} {path}")
         };
-        let path = std::path::absolute(path).map_err(wrong("make absolute", path))?;
-        fs::create_dir_all(&path).map_err(wrong("make", &path))?;
+        let path = std::path::absolute(path).with_context(wrong("make absolute", path))?;
+        fs::create_dir_all(&path).with_context(wrong("make", &path))?;
         let mut found = Vec::new();
-        for entry in fs::read_dir(&path).map_err(wrong("read", &path))? {
-            let name =
-                entry.map_err(wrong("read", &path))?.file_name().to_string_lossy().into_owned();
+        for entry in fs::read_dir(&path).with_context(wrong("read", &path))? {
+            let name = entry
+                .with_context(wrong("read", &path))?
+                .file_name()
+                .to_string_lossy()
+                .into_owned();
             if is_result(&name) {
                 found.push(name);
             }
@@ -68,14 +44,18 @@ impl Folder {
         if let Some(file) = found.first()
             && !mark.exists()
         {
-            return Err(FolderError::NotOurs { folder: path, file: file.clone() });
+            bail!(
+                "{}: has a {file} that no demo wrote; nothing was overwritten: choose another \
+                    folder with --out, or move the file away",
+                path.display()
+            );
         }
         for file in found {
             let file = path.join(file);
-            fs::remove_file(&file).map_err(wrong("remove", &file))?;
+            fs::remove_file(&file).with_context(wrong("remove", &file))?;
         }
         fs::write(&mark, "farreach demo replaces its files in this folder\n")
-            .map_err(wrong("write", &mark))?;
+            .with_context(wrong("write", &mark))?;
         Ok(Self(path))
     }
 
@@ -143,6 +123,7 @@ mod tests {
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("file");
         fs::write(&path, "").unwrap();
-        assert!(matches!(Folder::prepare(&path), Err(FolderError::Io { doing: "make", .. })));
+        let error = Folder::prepare(&path).unwrap_err();
+        assert!(error.to_string().contains("cannot make"), "{error}");
     }
 }

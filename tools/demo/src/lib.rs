@@ -57,7 +57,7 @@ mod summary;
 mod tables;
 mod terminal;
 
-pub use folder::{Folder, FolderError};
+pub use folder::Folder;
 pub use identify_result::IdentifyResult;
 pub use page::page;
 pub use run::{Args, run};

@@ -1,6 +1,6 @@
 //! `report.html`: the results of a run on one page.
 
-use ipc_types::{Process, TripCause};
+use ipc_types::{Process, Sample, TripCause};
 use report::Colour::{Blue, Green, Grey, Orange, Purple, Sky, Vermillion};
 use report::{Figure, Page, Table, Tone};
 use rig::RigFile;
@@ -191,6 +191,16 @@ fn stairs(points: impl Iterator<Item = (f64, f64)>) -> (Vec<f64>, Vec<f64>) {
     (x, y)
 }
 
+/// What is shown of one kill.
+struct KillView<'a> {
+    trace: &'a Trace,
+    outage: &'a Outage,
+    /// Which kill, for titles.
+    name: String,
+    /// Range of the figures round the kill (ms since the kill).
+    range_ms: (f64, f64),
+}
+
 fn outage(
     page: Page,
     analysis: &Analysis,
@@ -201,7 +211,8 @@ fn outage(
     let process = outage.kill.process;
     let trace = &analysis.trace;
     let kill_s = trace.seconds(outage.kill.at_ns);
-    let page = page.heading(&format!("Kill {}: {process} at {kill_s:.2} s", index + 1));
+    let name = format!("Kill {}: {process}", index + 1);
+    let page = page.heading(&format!("{name} at {kill_s:.2} s"));
     let end_ns = [
         trace.scans.last().map(|scan| scan.scan_time_ns),
         trace.samples.last().map(|sample| sample.scan_time_ns),
@@ -211,137 +222,121 @@ fn outage(
         return page.paragraph("The recording ends before this kill and shows nothing of it.");
     }
     let trip = outage.trip_ms.unwrap_or(20.0);
-    let range = (-(trip.max(10.0)), trip * 2.0 + 10.0);
-    let volts = volts(trace, outage, index, range);
-    let states = states(analysis, outage, index, range);
-
-    let recovery = recovery(trace, outage, index, shown);
+    let range_ms = (-(trip.max(10.0)), trip * 2.0 + 10.0);
+    let view = KillView { trace, outage, name, range_ms };
     let cause = TripCause::from_code(outage.cause).unwrap_or(TripCause::None);
+    let why = match process {
+        Process::Acquisition => {
+            "While acquisition is dead, no process writes to the DAC, which holds its last value \
+                as a real card does. The watchdog stops toggling the enable line, and the card \
+                itself removes power from the motor."
+        }
+        _ => {
+            "Commands end with the kill. The gate in acquisition writes 0 V when the last command \
+                has expired."
+        }
+    };
     page.paragraph(&outage_text(outage, process, cause))
+        .figure(&view.volts(), why)
+        .figure(&view.states(), STATES)
         .figure(
-            &volts,
-            match process {
-                Process::Acquisition => {
-                    "While acquisition is dead, no process writes to the DAC, which holds its last \
-                        value as a real card does. The watchdog stops toggling the enable line, \
-                        and the card itself removes power from the motor."
-                }
-                _ => {
-                    "Commands end with the kill. The gate in acquisition writes 0 V when the last \
-                        command has expired."
-                }
-            },
-        )
-        .figure(&states, STATES)
-        .figure(
-            &recovery,
+            &view.recovery(shown),
             "The movement around the kill. The trip ends the protocol, which starts again once \
                 power is enabled.",
         )
-}
-
-/// Volts around the kill: commanded, held by the DAC, at the motor.
-fn volts(trace: &Trace, outage: &Outage, index: usize, (from, until): (f64, f64)) -> Figure {
-    // ms since the kill
-    let since = |time_ns: u64| (time_ns as i128 - i128::from(outage.kill.at_ns)) as f64 * 1e-6;
-    let within = |at: f64| at >= from - 1.0 && at <= until + 1.0;
-
-    let scans: Vec<_> = trace
-        .scans
-        .iter()
-        .map(|scan| (since(scan.scan_time_ns), scan))
-        .filter(|(at, _)| within(*at))
-        .collect();
-    let (motor_x, motor_y) = stairs(scans.iter().map(|(at, scan)| (*at, scan.motor_v[0])));
-    let (dac_x, dac_y) = stairs(scans.iter().map(|(at, scan)| (*at, scan.dac_v[0])));
-    let commands = trace.commands.iter().map(|command| (since(command.time_ns), command.volts[0]));
-    let (command_x, command_y): (Vec<f64>, Vec<f64>) =
-        commands.filter(|(at, _)| within(*at)).unzip();
-    let mut volts = Figure::new(
-        format!("Kill {}: {}, volts", index + 1, outage.kill.process),
-        "time since the kill / ms",
-        "volts / V",
-    )
-    .size(WIDTH, 280)
-    .x_range(from, until)
-    .scatter(Orange, "command", &command_x, &command_y)
-    .dashed(Sky, "held by the DAC", &dac_x, &dac_y)
-    .line(Vermillion, "at the motor", &motor_x, &motor_y)
-    .vertical(Grey, "killed", 0.0);
-    if let Some(trip) = outage.trip_ms {
-        volts = volts.vertical(Green, format!("0 V after {trip:.1} ms"), trip);
-    }
-    volts
-}
-
-/// The movement from a second before the kill until two seconds after power is back.
-fn recovery(trace: &Trace, outage: &Outage, index: usize, shown: &DisplayUnit) -> Figure {
-    let kill_s = trace.seconds(outage.kill.at_ns);
-    let until_s = kill_s + outage.powered_ms.or(outage.restart_ms).unwrap_or(1000.0) * 1e-3 + 2.0;
-    let from_s = kill_s - 1.0;
-    let (time, reference) = reference(trace, shown, from_s, until_s);
-    let samples: Vec<_> = trace
-        .samples
-        .iter()
-        .map(|sample| (trace.seconds(sample.scan_time_ns), sample))
-        .filter(|(at, _)| *at >= from_s && *at <= until_s)
-        .collect();
-    let sample_time: Vec<f64> = samples.iter().map(|(at, _)| *at).collect();
-    let mut recovery = Figure::new(
-        format!("Kill {}: {}, back to the movement", index + 1, outage.kill.process),
-        "time / s",
-        format!("position / {}", shown.unit),
-    )
-    .size(WIDTH, 280)
-    .x_range(from_s, until_s)
-    .dashed(Grey, "reference", &time, &reference)
-    .line(
-        Blue,
-        "master",
-        &sample_time,
-        &shown.scale(samples.iter().map(|(_, sample)| master(sample))),
-    )
-    .line(
-        Vermillion,
-        "slave",
-        &sample_time,
-        &shown.scale(samples.iter().map(|(_, sample)| slave(sample))),
-    )
-    .vertical(Grey, "killed", kill_s);
-    if let Some(back) = outage.restart_ms {
-        recovery = recovery.vertical(Green, "process back", kill_s + back * 1e-3);
-    }
-    if let Some(enabled) = outage.enabled_ms {
-        recovery = recovery.vertical(Purple, "enabled by the operator", kill_s + enabled * 1e-3);
-    }
-    recovery
 }
 
 const STATES: &str = "Solid: state of the watchdog, from its tokens (4 tripped, 3 enabled, 2 \
     armed, 1 disarmed, 0 faulted). Dashed: state of the gate, from the samples (2 latched closed, \
     1 open, 0 closed).";
 
-fn states(analysis: &Analysis, outage: &Outage, index: usize, (from, until): (f64, f64)) -> Figure {
-    let since = |time_ns: u64| (time_ns as i128 - i128::from(outage.kill.at_ns)) as f64 * 1e-6;
-    let within = |at: &f64| *at >= from - 1.0 && *at <= until + 1.0;
-    let trace = &analysis.trace;
-    let tokens = trace.tokens.iter().map(|token| (since(token.time_ns), f64::from(token.state)));
-    let (watchdog_x, watchdog_y) = stairs(tokens.filter(|(at, _)| within(at)));
-    // The gate acts when the sample is published, not when the card took the scan.
-    let gates =
-        trace.samples.iter().map(|sample| (since(sample.time_ns), f64::from(sample.gate_state)));
-    let (gate_x, gate_y) = stairs(gates.filter(|(at, _)| within(at)));
-    Figure::new(
-        format!("Kill {}: {}, states", index + 1, outage.kill.process),
-        "time since the kill / ms",
-        "state",
-    )
-    .size(WIDTH, 180)
-    .x_range(from, until)
-    .y_range(-0.3, 4.3)
-    .line(Blue, "watchdog", &watchdog_x, &watchdog_y)
-    .dashed(Green, "gate", &gate_x, &gate_y)
-    .vertical(Grey, "killed", 0.0)
+impl KillView<'_> {
+    /// Axes over the time since the kill.
+    fn axes(&self, what: &str, y_label: &str, height: u32) -> Figure {
+        Figure::new(format!("{}, {what}", self.name), "time since the kill / ms", y_label)
+            .size(WIDTH, height)
+            .x_range(self.range_ms.0, self.range_ms.1)
+    }
+
+    /// What lies in the range of the figures and 1 ms beyond, over the time since the kill (ms).
+    fn within(&self, values: impl Iterator<Item = (u64, f64)>) -> impl Iterator<Item = (f64, f64)> {
+        let (at_ns, (from, until)) = (i128::from(self.outage.kill.at_ns), self.range_ms);
+        values
+            .map(move |(time_ns, value)| ((i128::from(time_ns) - at_ns) as f64 * 1e-6, value))
+            .filter(move |(at, _)| *at >= from - 1.0 && *at <= until + 1.0)
+    }
+
+    /// Volts around the kill: commanded, held by the DAC, at the motor.
+    fn volts(&self) -> Figure {
+        let scans = || self.trace.scans.iter();
+        let motor = self.within(scans().map(|scan| (scan.scan_time_ns, scan.motor_v[0])));
+        let dac = self.within(scans().map(|scan| (scan.scan_time_ns, scan.dac_v[0])));
+        let commands = self.trace.commands.iter();
+        let commands = self.within(commands.map(|command| (command.time_ns, command.volts[0])));
+        let ((motor_x, motor_y), (dac_x, dac_y)) = (stairs(motor), stairs(dac));
+        let (command_x, command_y): (Vec<f64>, Vec<f64>) = commands.unzip();
+        let volts = self
+            .axes("volts", "volts / V", 280)
+            .scatter(Orange, "command", &command_x, &command_y)
+            .dashed(Sky, "held by the DAC", &dac_x, &dac_y)
+            .line(Vermillion, "at the motor", &motor_x, &motor_y)
+            .vertical(Grey, "killed", 0.0);
+        match self.outage.trip_ms {
+            Some(trip) => volts.vertical(Green, format!("0 V after {trip:.1} ms"), trip),
+            None => volts,
+        }
+    }
+
+    fn states(&self) -> Figure {
+        let tokens = self.trace.tokens.iter();
+        let (watchdog_x, watchdog_y) =
+            stairs(self.within(tokens.map(|token| (token.time_ns, f64::from(token.state)))));
+        // The gate acts when the sample is published, not when the card took the scan.
+        let samples = self.trace.samples.iter();
+        let gates = samples.map(|sample| (sample.time_ns, f64::from(sample.gate_state)));
+        let (gate_x, gate_y) = stairs(self.within(gates));
+        self.axes("states", "state", 180)
+            .y_range(-0.3, 4.3)
+            .line(Blue, "watchdog", &watchdog_x, &watchdog_y)
+            .dashed(Green, "gate", &gate_x, &gate_y)
+            .vertical(Grey, "killed", 0.0)
+    }
+
+    /// The movement from a second before the kill until two seconds after power is back.
+    fn recovery(&self, shown: &DisplayUnit) -> Figure {
+        let (trace, outage) = (self.trace, self.outage);
+        let kill_s = trace.seconds(outage.kill.at_ns);
+        let back_ms = outage.powered_ms.or(outage.restart_ms).unwrap_or(1000.0);
+        let (from_s, until_s) = (kill_s - 1.0, kill_s + back_ms * 1e-3 + 2.0);
+        let (time, reference) = reference(trace, shown, from_s, until_s);
+        let (sample_time, samples): (Vec<f64>, Vec<&Sample>) = trace
+            .samples
+            .iter()
+            .map(|sample| (trace.seconds(sample.scan_time_ns), sample))
+            .filter(|(at, _)| *at >= from_s && *at <= until_s)
+            .unzip();
+        let of = |value: fn(&Sample) -> f64| shown.scale(samples.iter().map(|row| value(row)));
+        let mut recovery = Figure::new(
+            format!("{}, back to the movement", self.name),
+            "time / s",
+            format!("position / {}", shown.unit),
+        )
+        .size(WIDTH, 280)
+        .x_range(from_s, until_s)
+        .dashed(Grey, "reference", &time, &reference)
+        .line(Blue, "master", &sample_time, &of(master))
+        .line(Vermillion, "slave", &sample_time, &of(slave))
+        .vertical(Grey, "killed", kill_s);
+        for (colour, name, at_ms) in [
+            (Green, "process back", outage.restart_ms),
+            (Purple, "enabled by the operator", outage.enabled_ms),
+        ] {
+            if let Some(at_ms) = at_ms {
+                recovery = recovery.vertical(colour, name, kill_s + at_ms * 1e-3);
+            }
+        }
+        recovery
+    }
 }
 
 fn outage_text(outage: &Outage, process: Process, cause: TripCause) -> String {

@@ -329,10 +329,8 @@ fn print_summary(
         "to command  p50 {:.0}, p99 {:.0}, max {:.0} µs from the scan",
         answer.p50, answer.p99, answer.max
     ));
-    let cycles: Vec<String> = summary
-        .cycle_us
-        .by_process
-        .iter()
+    let by_process = summary.cycle_us.by_process.iter();
+    let cycles: Vec<String> = by_process
         .map(|(process, time)| format!("{process} {:.0}/{:.0}", time.p50, time.p99))
         .collect();
     lines.push(format!("a cycle     p50/p99 {} µs", cycles.join(", ")));
@@ -351,27 +349,22 @@ fn print_summary(
         ));
     }
     if let Some(model) = &analysis.model {
-        let errors: Vec<String> = model
-            .channels
-            .iter()
-            .map(|c| format!("{} {:.4} {}", c.name, c.error, c.unit))
-            .collect();
+        let channels = model.channels.iter();
+        let errors: Vec<String> =
+            channels.map(|c| format!("{} {:.4} {}", c.name, c.error, c.unit)).collect();
         lines.push(format!("model       rms error, free-running: {}", errors.join(", ")));
     }
     lines.extend(identify_result.line().map(|line| format!("identify    {line}")));
     lines.push(String::new());
-    match outcome {
-        Outcome::Kept if analysis.unprovoked.is_empty() => {
-            lines.push("all requirements met".to_owned())
-        }
-        Outcome::Kept => lines.push(
-            "all requirements met; the host was too busy for an uninterrupted movement".to_owned(),
-        ),
-        Outcome::DataLost(reasons) => lines.push(format!("DATA LOST: {}", reasons.join("; "))),
-        Outcome::Broken(reasons) => {
-            lines.push(format!("REQUIREMENT NOT MET: {}", reasons.join("; ")))
-        }
-    }
+    let busy = match analysis.unprovoked.len() {
+        0 => "",
+        _ => "; the host was too busy for an uninterrupted movement",
+    };
+    lines.push(match outcome {
+        Outcome::Kept => format!("all requirements met{busy}"),
+        Outcome::DataLost(reasons) => format!("DATA LOST: {}", reasons.join("; ")),
+        Outcome::Broken(reasons) => format!("REQUIREMENT NOT MET: {}", reasons.join("; ")),
+    });
     terminal.print(&lines.join("\n"));
 }
 

@@ -107,11 +107,8 @@ impl<'a> Session<'a> {
             bail!("the logger does not record: {}", recording.error);
         }
         self.terminal.progress("reset, arm, enable");
-        let took = self.power()?;
-        self.terminal.print(&format!(
-            "reset, armed, enabled by the operator after {:.1} s",
-            took.as_secs_f64()
-        ));
+        let took_s = self.power()?;
+        self.terminal.print(&format!("reset, armed, enabled by the operator after {took_s:.1} s"));
         let client = operator::client_number();
         self.start(protocol, client)?;
         self.terminal.print(&format!(
@@ -248,12 +245,11 @@ impl<'a> Session<'a> {
             Some(zero_volts_ns) => format!("motor at 0 V after {:.1} ms", ms(zero_volts_ns)),
             None => "motor NOT at 0 V".to_owned(),
         };
-        let took = self.power()?;
+        let took_s = self.power()?;
         (self.watched, self.successor) = (None, None);
         self.terminal.print(&format!(
             "{process} killed: {zero_volts}; back after {back_ms:.0} ms; reset, armed, enabled \
-                after {:.1} s more",
-            took.as_secs_f64()
+                after {took_s:.1} s more"
         ));
         Ok(kill)
     }
@@ -269,16 +265,16 @@ impl<'a> Session<'a> {
             (TripCause::GateLatched, Some(gate)) => format!("{cause}: {gate}"),
             _ => cause.to_string(),
         };
-        let took = self.power()?;
+        let took_s = self.power()?;
         self.terminal.warn(&format!(
-            "the watchdog tripped without a kill ({words}); enabled again after {:.1} s",
-            took.as_secs_f64()
+            "the watchdog tripped without a kill ({words}); enabled again after {took_s:.1} s"
         ));
         Ok(cause)
     }
 
-    /// Resets, arms and enables the rig; retries each verb until it is accepted.
-    fn power(&mut self) -> anyhow::Result<Duration> {
+    /// Resets, arms and enables the rig; retries each verb until it is accepted. Returns the time
+    /// that it took (s).
+    fn power(&mut self) -> anyhow::Result<f64> {
         let begun = Instant::now();
         'verbs: loop {
             for verb in [Verb::Reset, Verb::Arm, Verb::Enable] {
@@ -313,7 +309,7 @@ impl<'a> Session<'a> {
             };
             if self.wait(Duration::from_millis(500), open)? {
                 self.powered_at = Instant::now();
-                return Ok(begun.elapsed());
+                return Ok(begun.elapsed().as_secs_f64());
             }
             if begun.elapsed() > VERB_LIMIT {
                 bail!("the gate did not open within {VERB_LIMIT:?} although power was enabled");

@@ -1,6 +1,7 @@
 //! Measurements on a simulated transmission: sweeps, the peak, the cut-off, one settled cycle.
 
 use anyhow::Result;
+use lock_step::guided::longest_rest;
 use plant::response::{Response, frequency_response};
 use plant::transmission::{EnergyBalance, ImposedMotion, Input, Motion, Reading, Transmission};
 use rayon::prelude::*;
@@ -282,13 +283,8 @@ impl Cycle {
             [first, second, ..] => second.time_s - first.time_s,
             _ => 0.0,
         };
-        let (mut longest, mut run) = (0_usize, 0_usize);
-        // Twice round, since the cycle may begin within a flat top.
-        for motion in self.motion.iter().chain(&self.motion) {
-            run = if motion.slave_velocity_rad_s == 0.0 { run + 1 } else { 0 };
-            longest = longest.max(run);
-        }
-        longest.min(self.motion.len()) as f64 * step
+        let velocity: Vec<f64> = self.motion.iter().map(|m| m.slave_velocity_rad_s).collect();
+        longest_rest(&velocity) as f64 * step
     }
 }
 

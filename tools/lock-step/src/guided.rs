@@ -36,8 +36,7 @@ pub fn guided(rig: &RigFile, effects: &[String], sine: &Sine) -> Result<Trace, L
     let mut trace = Trace::default();
     while system.time_s() < end_s - half_step_s {
         let aim = Aim::sine(sine.amplitude, sine.hertz, system.time_s());
-        let setpoint = system.setpoint(&aim);
-        let moment = system.cycle(&setpoint)?;
+        let moment = system.follow(&aim)?;
         if moment.time_s > settled_s - half_step_s {
             trace.push(settled_s, aim.position, moment.command.reference_position[0], &moment);
         }
@@ -93,7 +92,7 @@ impl Quality {
 }
 
 /// Longest run of steps in which the slave stands still, with the cycles taken as periodic.
-fn longest_rest(velocity: &[f64]) -> usize {
+pub fn longest_rest(velocity: &[f64]) -> usize {
     let (mut longest, mut run) = (0, 0);
     for velocity in velocity.iter().chain(velocity) {
         run = if *velocity == 0.0 { run + 1 } else { 0 };

@@ -218,8 +218,7 @@ impl IlcSimulation {
                 acceleration: point.acceleration,
                 peak_speed: self.learner.peak_speed(),
             };
-            let setpoint = self.system.setpoint(&aim);
-            let moment = self.system.cycle(&setpoint)?;
+            let moment = self.system.follow(&aim)?;
             self.learner.record(step, slave_position(&moment));
             if let Some(trace) = trace.as_deref_mut() {
                 let desired = self.learner.desired(step);
@@ -275,8 +274,7 @@ pub fn identify(
         let times = harmonic as f64;
         for step in 0..3 * count {
             let aim = Aim::sine(amplitude / times.sqrt(), times * hertz, system.time_s());
-            let setpoint = system.setpoint(&aim);
-            let moment = system.cycle(&setpoint)?;
+            let moment = system.follow(&aim)?;
             input[step % count] = aim.position;
             output[step % count] = slave_position(&moment);
         }

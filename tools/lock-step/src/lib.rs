@@ -215,6 +215,15 @@ impl LockStepRig {
         setpoint
     }
 
+    /// Runs one control cycle with the setpoint of an aim.
+    ///
+    /// # Errors
+    /// [`LockStepError::Daq`].
+    pub fn follow(&mut self, aim: &Aim) -> Result<CycleResult, LockStepError> {
+        let setpoint = self.setpoint(aim);
+        self.cycle(&setpoint)
+    }
+
     /// Runs one control cycle: advances the plant to the next scan, then steps the law. Does not
     /// allocate.
     ///

@@ -14,8 +14,8 @@ use launch::{RigState, UnitState};
 use runtime::{DomainError, HostStall, Losses, RigName};
 use serde::Serialize;
 
+use self::observe::Observer;
 use crate::{Error, RigLink};
-pub use observe::{Observation, Observer};
 pub use percentiles::Percentiles;
 pub use table::table;
 
@@ -210,11 +210,8 @@ impl Watcher {
             Err(error) => return Err(error.into()),
         };
         let mut status = RigStatus::of(name, launched.as_ref());
-        match self.observe(name) {
-            Ok((observation, recording)) => {
-                status.up = true;
-                status.add(&observation, recording);
-            }
+        match self.observe(name, &mut status) {
+            Ok(()) => status.up = true,
             Err(Error::Domain(DomainError::NoKeeper(_))) if launched.is_none() => {}
             Err(error) => {
                 self.joined = None;
@@ -224,27 +221,31 @@ impl Watcher {
         Ok(status)
     }
 
-    fn observe(&mut self, name: &RigName) -> Result<(Observation, Option<RecordingStatus>), Error> {
-        if self.joined.as_ref().is_some_and(|(link, _)| !link.domain().is_current()) {
-            self.joined = None;
-        }
-        if self.joined.is_none() {
-            let link = RigLink::open(name)?;
-            let observer = Observer::new(&link)?;
-            self.joined = Some((link, observer));
-        }
-        let Some((link, observer)) = &mut self.joined else {
-            return Err(Error::NotUp(name.to_string()));
+    fn observe(&mut self, name: &RigName, status: &mut RigStatus) -> Result<(), Error> {
+        let joined = match self.joined.take().filter(|(link, _)| link.domain().is_current()) {
+            Some(joined) => joined,
+            None => {
+                let link = RigLink::open(name)?;
+                let observer = Observer::new(&link)?;
+                (link, observer)
+            }
         };
-        let observation = observer.observe(link.domain())?;
+        let (link, observer) = self.joined.insert(joined);
+        observer.observe()?;
+        let domain = link.domain();
+        status.session = Some(format!("{:016x}", domain.session()));
+        status.profile = Some(domain.profile());
+        status.host_stall = domain.host_stall();
         // A logger that does not answer is visible in its process's row.
-        let recording = link.logger(&LoggerRequest::Status).ok().map(|answer| RecordingStatus {
+        let recording = link.logger(&LoggerRequest::Status).ok();
+        status.recording = recording.map(|answer| RecordingStatus {
             file: answer.recording,
             written: answer.written,
             lost: answer.lost,
             error: answer.error,
         });
-        Ok((observation, recording))
+        status.add(observer);
+        Ok(())
     }
 }
 
@@ -289,12 +290,8 @@ impl RigStatus {
         }
     }
 
-    fn add(&mut self, seen: &Observation, recording: Option<RecordingStatus>) {
-        self.session = Some(format!("{:016x}", seen.session));
-        self.profile = Some(seen.profile);
-        self.host_stall = seen.host_stall;
-        self.recording = recording;
-        if let Some(token) = &seen.token {
+    fn add(&mut self, seen: &Observer) {
+        if let Some(token) = &seen.tokens.newest {
             let tripped = seen.tripped_ns.and_then(|time_ns| {
                 let age = Duration::from_nanos(seen.now_ns.saturating_sub(time_ns));
                 let since = (SystemTime::now() - age).duration_since(UNIX_EPOCH).ok()?;
@@ -302,7 +299,7 @@ impl RigStatus {
             });
             self.watchdog = Some(WatchdogStatus::new(token, tripped));
         }
-        if let Some(sample) = &seen.sample {
+        if let Some(sample) = &seen.samples.newest {
             self.backend = CardKind::from_code(sample.backend);
             self.gate = Some(GateStatus {
                 state: GateState::from_code(sample.gate_state).unwrap_or(GateState::Closed),
@@ -313,10 +310,12 @@ impl RigStatus {
                 cycles_missed: sample.cycles_missed,
             });
         }
-        for (process, rate_hz) in &seen.rates {
-            self.row(process.text()).rate_hz = Some(*rate_hz);
+        for (process, rate_hz, _) in seen.fast() {
+            if rate_hz.is_some() {
+                self.row(process.text()).rate_hz = rate_hz;
+            }
         }
-        for timing in &seen.timings {
+        for timing in seen.timings() {
             let Some(process) = ipc_types::Process::from_code(timing.source) else { continue };
             let row = self.row(process.text());
             // The last message of a process that has died says nothing about its successor.
@@ -331,9 +330,9 @@ impl RigStatus {
             row.execution_us = Some(timing.total_execution_ns.into());
             row.profile = Profile::from_code(timing.profile);
             row.heartbeat_age_ms = Some(seen.age_ms(timing.time_ns));
-            row.losses = Some(Losses::told_by(timing));
+            row.losses = Some(Losses::told_by(&timing));
         }
-        for beat in &seen.heartbeats {
+        for beat in seen.heartbeats() {
             let Some(process) = ipc_types::Process::from_code(beat.source) else { continue };
             let row = self.row(process.text());
             row.pid = row.pid.or(i32::try_from(beat.pid).ok());
@@ -342,24 +341,22 @@ impl RigStatus {
             row.lost = Some(beat.lost);
             row.queued = Some(beat.queued);
         }
-        for (process, time_ns) in &seen.last_messages {
-            let age = seen.age_ms(*time_ns);
-            self.row(process.text()).heartbeat_age_ms = Some(age);
-        }
-        for loss in &seen.losses {
-            if loss.gaps + loss.dropped + loss.refused > 0 {
-                let topic = usize::try_from(loss.topic).ok().and_then(|index| TOPICS.get(index));
-                self.losses.push(TopicLoss {
-                    topic: topic.map_or_else(
-                        || format!("topic {}", loss.topic),
-                        |topic| topic.name.to_owned(),
-                    ),
-                    gaps: loss.gaps,
-                    dropped: loss.dropped,
-                    refused: loss.refused,
-                });
+        for (process, _, time_ns) in seen.fast() {
+            if let Some(time_ns) = time_ns {
+                self.row(process.text()).heartbeat_age_ms = Some(seen.age_ms(time_ns));
             }
         }
+        let lost = seen.loss.iter().filter(|loss| loss.gaps + loss.dropped + loss.refused > 0);
+        self.losses.extend(lost.map(|loss| {
+            let topic = usize::try_from(loss.topic).ok().and_then(|index| TOPICS.get(index));
+            TopicLoss {
+                topic: topic
+                    .map_or_else(|| format!("topic {}", loss.topic), |of| of.name.to_owned()),
+                gaps: loss.gaps,
+                dropped: loss.dropped,
+                refused: loss.refused,
+            }
+        }));
     }
 
     /// The row of a process; a new one if the launcher does not list it (under systemd).

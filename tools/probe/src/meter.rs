@@ -2,6 +2,7 @@
 
 use hdrhistogram::Histogram;
 use ipc_types::Topic;
+use serde::Serialize;
 
 use crate::echo::{time_of, word};
 
@@ -52,12 +53,13 @@ pub(crate) struct Meter {
 }
 
 /// Intervals between messages of one incarnation (ms).
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub(crate) struct Intervals {
-    pub(crate) mean_ms: f64,
-    pub(crate) least_ms: f64,
-    pub(crate) most_ms: f64,
-    pub(crate) deviation_ms: f64,
+    pub(crate) mean: f64,
+    pub(crate) min: f64,
+    pub(crate) max: f64,
+    /// Standard deviation.
+    pub(crate) std: f64,
 }
 
 impl Meter {
@@ -105,10 +107,10 @@ impl Meter {
     /// The intervals; `None` if there is none yet.
     pub(crate) fn intervals(&self) -> Option<Intervals> {
         (self.intervals > 0).then(|| Intervals {
-            mean_ms: self.mean_ns * 1e-6,
-            least_ms: self.least_ns as f64 * 1e-6,
-            most_ms: self.most_ns as f64 * 1e-6,
-            deviation_ms: (self.squares / self.intervals as f64).sqrt() * 1e-6,
+            mean: self.mean_ns * 1e-6,
+            min: self.least_ns as f64 * 1e-6,
+            max: self.most_ns as f64 * 1e-6,
+            std: (self.squares / self.intervals as f64).sqrt() * 1e-6,
         })
     }
 
@@ -147,9 +149,9 @@ mod tests {
             );
         }
         let intervals = meter.intervals().unwrap();
-        assert!((intervals.mean_ms - 2.0).abs() < 1e-9, "{intervals:?}");
-        assert!((intervals.deviation_ms - (2.0f64 / 3.0).sqrt()).abs() < 1e-9, "{intervals:?}");
-        assert_eq!((intervals.least_ms, intervals.most_ms), (1.0, 3.0));
+        assert!((intervals.mean - 2.0).abs() < 1e-9, "{intervals:?}");
+        assert!((intervals.std - (2.0f64 / 3.0).sqrt()).abs() < 1e-9, "{intervals:?}");
+        assert_eq!((intervals.min, intervals.max), (1.0, 3.0));
         assert!((meter.latency.microseconds()[3] - 50.0).abs() < 1.0);
         assert!((meter.answer.as_ref().unwrap().microseconds()[0] - 120.0).abs() < 1.5);
         assert_eq!(meter.count, 5);

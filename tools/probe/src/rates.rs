@@ -58,18 +58,12 @@ pub(crate) fn hz(args: &RateArgs, rig: &RigName, out: &mut dyn Write) -> anyhow:
         let rows: Vec<_> = measured
             .rows(args)
             .map(|(topic, meter, lost)| {
-                let intervals = meter.intervals();
                 json!({
                     "topic": topic,
                     "rate_hz": meter.count as f64 / measured.seconds,
                     "messages": meter.count,
                     "lost": lost,
-                    "interval_ms": intervals.map(|i| json!({
-                        "mean": i.mean_ms,
-                        "min": i.least_ms,
-                        "max": i.most_ms,
-                        "std": i.deviation_ms,
-                    })),
+                    "interval_ms": meter.intervals(),
                 })
             })
             .collect();
@@ -85,12 +79,7 @@ pub(crate) fn hz(args: &RateArgs, rig: &RigName, out: &mut dyn Write) -> anyhow:
         let rate = meter.count as f64 / measured.seconds;
         let intervals = meter.intervals().map_or_else(
             || format!("{:>8} {:>8} {:>8} {:>8}", "-", "-", "-", "-"),
-            |i| {
-                format!(
-                    "{:>8.3} {:>8.3} {:>8.3} {:>8.3}",
-                    i.mean_ms, i.least_ms, i.most_ms, i.deviation_ms
-                )
-            },
+            |i| format!("{:>8.3} {:>8.3} {:>8.3} {:>8.3}", i.mean, i.min, i.max, i.std),
         );
         writeln!(out, "{topic:<20} {rate:>7.1} {intervals} {:>8} {lost:>5}", meter.count)?;
     }

@@ -25,10 +25,10 @@ pub(crate) fn export(
     let recording = Recording::open(file)?;
     let ExportFormat::Csv = format;
     let mut code = exit_code_of_tail(&recording);
-    let record = match topic {
+    let write: Box<dyn FnOnce(&mut dyn Write) -> anyhow::Result<()>> = match topic {
         Some(topic) => {
-            recording.channels_of(topic)?;
-            None
+            let channels = recording.channels_of(topic)?;
+            Box::new(|output| whole_topic(&recording, topic, channels, output))
         }
         None => {
             let names = match unit {
@@ -44,7 +44,7 @@ pub(crate) fn export(
                     code = DATA_LOST;
                 }
             }
-            Some(record)
+            Box::new(move |output| Ok(write_csv(&record, output)?))
         }
     };
     // The source is known to be readable now: no empty file is left behind.
@@ -59,31 +59,30 @@ pub(crate) fn export(
         }
     };
     let mut output = BufWriter::new(output);
-    match (record, topic) {
-        (Some(record), _) => write_csv(&record, &mut output)?,
-        (None, Some(topic)) => whole_topic(&recording, topic, &mut output)?,
-        (None, None) => {}
-    }
+    write(&mut output)?;
     output.flush()?;
     Ok(code)
 }
 
 /// All fields of a topic, the log time first, arrays spread over columns, a text in one.
-fn whole_topic(recording: &Recording, topic: &str, output: &mut dyn Write) -> anyhow::Result<()> {
-    let channels = recording.channels_of(topic)?;
+fn whole_topic(
+    recording: &Recording,
+    topic: &str,
+    channels: Vec<u16>,
+    output: &mut dyn Write,
+) -> anyhow::Result<()> {
     let mut table = csv::Writer::from_writer(output);
     let mut header: Option<Layout> = None;
-    for message in
-        recording.raw(Selection { channels: Some(channels.clone()), ..Selection::default() })
-    {
+    let selection = Selection { channels: Some(channels.clone()), ..Selection::default() };
+    for message in recording.raw(selection) {
         let message = message?;
         let (layout, body) = recording.decode(&message)?;
         match &header {
-            Some(first) if first != layout => bail!(
+            Some(first) if first == layout => {}
+            Some(_) => bail!(
                 "{}: topic {topic} changes its fields within the file: export the parts one by one",
                 recording.path().display()
             ),
-            Some(_) => {}
             None => {
                 table.write_record(header_of(layout))?;
                 header = Some(layout.clone());

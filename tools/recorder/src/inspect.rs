@@ -19,7 +19,7 @@ pub(crate) fn text(file: &Path, key: &str, out: &mut dyn Write) -> anyhow::Resul
     let records = || recording.metadata_records().iter().map(|(_, entries)| entries);
     let Some(text) = records().find_map(|entries| entries.get(key)) else {
         let keys: BTreeSet<&str> = records().flatten().map(|(key, _)| key.as_str()).collect();
-        let keys: Vec<&str> = keys.into_iter().collect();
+        let keys = Vec::from_iter(keys);
         bail!("{}: no metadata `{key}`; it has {}", file.display(), keys.join(", "));
     };
     write!(out, "{text}{}", if text.ends_with('\n') { "" } else { "\n" })?;
@@ -93,16 +93,8 @@ fn about(recording: &Recording, out: &mut dyn Write) -> std::io::Result<()> {
         true => Ok(()),
         false => writeln!(out, "  {}", entries.join(", ")),
     };
-    let keys = [
-        key::RIG,
-        key::RIG_NAME,
-        key::SUBJECT,
-        key::PROTOCOL,
-        key::PROFILE,
-        key::HOST_STALL,
-        key::PART,
-        key::REVISION,
-    ];
+    use key::{HOST_STALL, PART, PROFILE, PROTOCOL, REVISION, RIG, RIG_NAME, SUBJECT};
+    let keys = [RIG, RIG_NAME, SUBJECT, PROTOCOL, PROFILE, HOST_STALL, PART, REVISION];
     let entry = |key: &str| Some(format!("{} {}", key.replace('_', " "), recording.metadata(key)?));
     line(out, keys.into_iter().filter_map(entry).collect())?;
     for run in recording.runs() {
@@ -142,47 +134,29 @@ pub(crate) fn verify(file: &Path, json: bool, out: &mut dyn Write) -> anyhow::Re
         )?;
     }
     for topic in &check.topics {
-        let mut faults = Vec::new();
-        if topic.gaps > 0 {
-            let before = match topic.gaps_before {
-                0 => String::new(),
-                gaps => format!(", {} of them since the part before", grouped(gaps)),
-            };
-            faults.push(format!(
-                "{} missing {}{before}",
-                grouped(topic.gaps),
-                places(topic.gap_places)
-            ));
-        }
-        if topic.dropped > 0 {
-            faults.push(format!("{} dropped or refused by the logger", grouped(topic.dropped)));
-        }
-        if topic.duplicates > 0 {
-            faults.push(format!("{} repeated or out of order", grouped(topic.duplicates)));
-        }
-        if topic.undecodable > 0 {
-            faults.push(format!(
-                "{} cannot be decoded ({})",
-                grouped(topic.undecodable),
-                topic.problem
-            ));
-        }
+        let before = match topic.gaps_before {
+            0 => String::new(),
+            gaps => format!(", {} of them since the part before", grouped(gaps)),
+        };
+        let faults: Vec<String> = [
+            (topic.gaps, format!("missing {}{before}", places(topic.gap_places))),
+            (topic.dropped, "dropped or refused by the logger".to_owned()),
+            (topic.duplicates, "repeated or out of order".to_owned()),
+            (topic.undecodable, format!("cannot be decoded ({})", topic.problem)),
+        ]
+        .into_iter()
+        .filter(|(count, _)| *count > 0)
+        .map(|(count, what)| format!("{} {what}", grouped(count)))
+        .collect();
         if !faults.is_empty() {
-            writeln!(
-                out,
-                "  {}: {} messages; {}",
-                topic.topic,
-                grouped(topic.count),
-                faults.join("; ")
-            )?;
+            let (count, faults) = (grouped(topic.count), faults.join("; "));
+            writeln!(out, "  {}: {count} messages; {faults}", topic.topic)?;
         }
     }
     if let Some(ticks) = check.ticks {
-        let missing = match (ticks.missing, ticks.holes) {
-            (0, _) => "none missing".to_owned(),
-            (missing, holes) => {
-                format!("{} missing {}", grouped(missing), places(holes))
-            }
+        let missing = match ticks.missing {
+            0 => "none missing".to_owned(),
+            missing => format!("{} missing {}", grouped(missing), places(ticks.holes)),
         };
         let backwards = match ticks.backwards {
             0 => String::new(),

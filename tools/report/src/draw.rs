@@ -8,7 +8,7 @@
 use maud::html;
 use plotters::backend::SVGBackend;
 use plotters::coord::Shift;
-use plotters::drawing::{DrawingArea, IntoDrawingArea};
+use plotters::drawing::{DrawingArea, DrawingAreaErrorKind, IntoDrawingArea};
 use plotters::element::{Circle, PathElement, Polygon, Rectangle, Text};
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 use plotters::style::{
@@ -30,7 +30,7 @@ const INK: RGBColor = RGBColor(0x22, 0x22, 0x22);
 const GRID: RGBColor = RGBColor(0xE4, 0xE4, 0xE4);
 
 type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
-type Drawn = std::result::Result<(), String>;
+type Drawn = std::result::Result<(), DrawingAreaErrorKind<std::io::Error>>;
 
 /// Width of a text in CSS pixels: an estimate, since only the viewer knows its fonts.
 fn text_width(text: &str) -> i32 {
@@ -86,7 +86,7 @@ fn svg(figure: &Figure) -> Result<String> {
     let (width, height) = (figure.size.0 as i32, figure.size.1 as i32);
     let mut buffer = String::new();
     draw(figure, x, y, &mut buffer, (width, height))
-        .map_err(|reason| Error::Draw { figure: figure.title.clone(), reason })?;
+        .map_err(|error| Error::Draw { figure: figure.title.clone(), reason: error.to_string() })?;
     // The drawing is FINE times too large: shown at its CSS size, scaled by the view box.
     let (fine_width, fine_height) = (width * FINE, height * FINE);
     let view_box = format!("viewBox=\"0 0 {fine_width} {fine_height}\"");
@@ -121,62 +121,61 @@ fn draw(
         x,
         y,
     };
-    area.fill(&RGBColor(255, 255, 255)).map_err(|e| e.to_string())?;
+    area.fill(&RGBColor(255, 255, 255))?;
     grid(&area, &axes, &x_ticks, &y_ticks)?;
     // Shaded areas lie under everything else.
-    for s in figure.series.iter().filter(|s| s.mark == Mark::Band) {
-        series(&area, &axes, s)?;
-    }
-    for s in figure.series.iter().filter(|s| s.mark != Mark::Band) {
+    let (bands, others): (Vec<_>, _) = figure.series.iter().partition(|s| s.mark == Mark::Band);
+    for s in bands.into_iter().chain(others) {
         series(&area, &axes, s)?;
     }
     frame(&area, &axes, &x_ticks, &y_ticks)?;
     labels(&area, &axes, figure, height)?;
     draw_legend(&area, &legend, title_height)?;
-    area.present().map_err(|e| e.to_string())
+    area.present()
 }
 
 /// One grid line at every labelled tick.
 fn grid(area: &Area<'_>, axes: &Axes, x_ticks: &[Tick], y_ticks: &[Tick]) -> Drawn {
     for tick in x_ticks.iter().filter(|t| t.label.is_some()) {
-        let at = axes.px(tick.at).round() as i32;
-        line(area, &[(at, axes.top), (at, axes.bottom)], GRID, 0.8)?;
+        upright(area, axes, axes.px(tick.at).round() as i32, GRID, 0.8)?;
     }
     for tick in y_ticks.iter().filter(|t| t.label.is_some()) {
-        let at = axes.py(tick.at).round() as i32;
-        line(area, &[(axes.left, at), (axes.right, at)], GRID, 0.8)?;
+        across(area, axes, axes.py(tick.at).round() as i32, GRID, 0.8)?;
     }
     Ok(())
 }
 
+/// A line from the top of the frame to its bottom.
+fn upright(area: &Area<'_>, axes: &Axes, at: i32, colour: RGBColor, width: f64) -> Drawn {
+    line(area, &[(at, axes.top), (at, axes.bottom)], colour, width)
+}
+
+/// A line from the left side of the frame to its right side.
+fn across(area: &Area<'_>, axes: &Axes, at: i32, colour: RGBColor, width: f64) -> Drawn {
+    line(area, &[(axes.left, at), (axes.right, at)], colour, width)
+}
+
 /// The frame with ticks on all four sides, labelled below and on the left.
 fn frame(area: &Area<'_>, axes: &Axes, x_ticks: &[Tick], y_ticks: &[Tick]) -> Drawn {
+    let Axes { left, right, top, bottom, .. } = *axes;
     // A path, since the back end draws rectangles without a line width.
-    let corners = [
-        (axes.left, axes.top),
-        (axes.right, axes.top),
-        (axes.right, axes.bottom),
-        (axes.left, axes.bottom),
-    ];
-    line(area, &[corners[0], corners[1], corners[2], corners[3], corners[0]], INK, 1.0)?;
+    let corners = [(left, top), (right, top), (right, bottom), (left, bottom), (left, top)];
+    line(area, &corners, INK, 1.0)?;
+    let long = |tick: &Tick| if tick.label.is_some() { 5 * FINE } else { 3 * FINE };
     for tick in x_ticks {
         let at = axes.px(tick.at).round() as i32;
-        let long = if tick.label.is_some() { 5 } else { 3 } * FINE;
-        line(area, &[(at, axes.bottom), (at, axes.bottom - long)], INK, 1.0)?;
-        line(area, &[(at, axes.top), (at, axes.top + long)], INK, 1.0)?;
+        line(area, &[(at, bottom), (at, bottom - long(tick))], INK, 1.0)?;
+        line(area, &[(at, top), (at, top + long(tick))], INK, 1.0)?;
         if let Some(label) = &tick.label {
-            let below = (at, axes.bottom + 6 * FINE);
-            text(area, label, below, HPos::Center, VPos::Top, FontStyle::Normal)?;
+            text(area, label, (at, bottom + 6 * FINE), (HPos::Center, VPos::Top))?;
         }
     }
     for tick in y_ticks {
         let at = axes.py(tick.at).round() as i32;
-        let long = if tick.label.is_some() { 5 } else { 3 } * FINE;
-        line(area, &[(axes.left, at), (axes.left + long, at)], INK, 1.0)?;
-        line(area, &[(axes.right, at), (axes.right - long, at)], INK, 1.0)?;
+        line(area, &[(left, at), (left + long(tick), at)], INK, 1.0)?;
+        line(area, &[(right, at), (right - long(tick), at)], INK, 1.0)?;
         if let Some(label) = &tick.label {
-            let beside = (axes.left - 6 * FINE, at);
-            text(area, label, beside, HPos::Right, VPos::Center, FontStyle::Normal)?;
+            text(area, label, (left - 6 * FINE, at), (HPos::Right, VPos::Center))?;
         }
     }
     Ok(())
@@ -185,16 +184,15 @@ fn frame(area: &Area<'_>, axes: &Axes, x_ticks: &[Tick], y_ticks: &[Tick]) -> Dr
 /// The title and the labels of both axes.
 fn labels(area: &Area<'_>, axes: &Axes, figure: &Figure, height: i32) -> Drawn {
     let middle = ((axes.left + axes.right) / 2, (axes.top + axes.bottom) / 2);
-    let below = (middle.0, (height - 8) * FINE);
-    text(area, &figure.x_label, below, HPos::Center, VPos::Bottom, FontStyle::Normal)?;
-    let style =
-        text_style(FontStyle::Normal, HPos::Center, VPos::Top).transform(FontTransform::Rotate270);
-    area.draw(&Text::new(figure.y_label.as_str(), (5 * FINE, middle.1), style))
-        .map_err(|e| e.to_string())?;
+    text(area, &figure.x_label, (middle.0, (height - 8) * FINE), (HPos::Center, VPos::Bottom))?;
+    let style = text_style(FontStyle::Normal, (HPos::Center, VPos::Top));
+    let style = style.transform(FontTransform::Rotate270);
+    area.draw(&Text::new(figure.y_label.as_str(), (5 * FINE, middle.1), style))?;
     if figure.title.is_empty() {
         return Ok(());
     }
-    text(area, &figure.title, (12 * FINE, 7 * FINE), HPos::Left, VPos::Top, FontStyle::Bold)
+    let style = text_style(FontStyle::Bold, (HPos::Left, VPos::Top));
+    area.draw(&Text::new(figure.title.as_str(), (12 * FINE, 7 * FINE), style))
 }
 
 fn draw_legend(area: &Area<'_>, rows: &[Vec<&Series>], title_height: i32) -> Drawn {
@@ -203,8 +201,7 @@ fn draw_legend(area: &Area<'_>, rows: &[Vec<&Series>], title_height: i32) -> Dra
         let mut from = 12 * FINE;
         for s in row {
             legend_mark(area, s, (from, at))?;
-            let beside = (from + 30 * FINE, at);
-            text(area, &s.name, beside, HPos::Left, VPos::Center, FontStyle::Normal)?;
+            text(area, &s.name, (from + 30 * FINE, at), (HPos::Left, VPos::Center))?;
             from += legend_width(s) * FINE;
         }
     }
@@ -242,7 +239,6 @@ fn legend_mark(area: &Area<'_>, s: &Series, (x, y): (i32, i32)) -> Drawn {
         Mark::Band => {
             let corners = [(x, y - 5 * FINE), (x + 24 * FINE, y + 5 * FINE)];
             area.draw(&Rectangle::new(corners, colour.mix(0.25).filled()))
-                .map_err(|e| e.to_string())
         }
         Mark::Scatter | Mark::Errors => dot(area, (x + 12 * FINE, y), colour, false),
     }
@@ -296,8 +292,7 @@ fn series(area: &Area<'_>, axes: &Axes, s: &Series) -> Drawn {
                 };
                 let mut outline = edge(&s.y);
                 outline.extend(edge(&s.upper).into_iter().rev());
-                area.draw(&Polygon::new(outline, colour.mix(0.25).filled()))
-                    .map_err(|e| e.to_string())?;
+                area.draw(&Polygon::new(outline, colour.mix(0.25).filled()))?;
             }
         }
         Mark::Errors => {
@@ -317,13 +312,13 @@ fn series(area: &Area<'_>, axes: &Axes, s: &Series) -> Drawn {
         Mark::HorizontalRule => {
             let at = axes.py(s.y.first().copied().unwrap_or(f64::NAN));
             if at >= f64::from(axes.top) && at <= f64::from(axes.bottom) {
-                line(area, &[(axes.left, at as i32), (axes.right, at as i32)], colour, 1.0)?;
+                across(area, axes, at as i32, colour, 1.0)?;
             }
         }
         Mark::VerticalRule => {
             let at = axes.px(s.x.first().copied().unwrap_or(f64::NAN));
             if at >= f64::from(axes.left) && at <= f64::from(axes.right) {
-                line(area, &[(at as i32, axes.top), (at as i32, axes.bottom)], colour, 1.0)?;
+                upright(area, axes, at as i32, colour, 1.0)?;
             }
         }
     }
@@ -335,7 +330,7 @@ fn stroke(colour: RGBColor, width: f64) -> ShapeStyle {
 }
 
 fn line(area: &Area<'_>, points: &[(i32, i32)], colour: RGBColor, width: f64) -> Drawn {
-    area.draw(&PathElement::new(points.to_vec(), stroke(colour, width))).map_err(|e| e.to_string())
+    area.draw(&PathElement::new(points.to_vec(), stroke(colour, width)))
 }
 
 /// Dashes of 6 and gaps of 4 CSS pixels along the line.
@@ -373,10 +368,10 @@ fn dashed(area: &Area<'_>, points: &[(i32, i32)], colour: RGBColor) -> Drawn {
 fn dot(area: &Area<'_>, at: (i32, i32), colour: RGBColor, small: bool) -> Drawn {
     let (radius, alpha) = if small { (1.2, 0.5) } else { (2.2, 0.9) };
     let radius = (f64::from(FINE) * radius).round() as i32;
-    area.draw(&Circle::new(at, radius, colour.mix(alpha).filled())).map_err(|e| e.to_string())
+    area.draw(&Circle::new(at, radius, colour.mix(alpha).filled()))
 }
 
-fn text_style(style: FontStyle, h_pos: HPos, v_pos: VPos) -> TextStyle<'static> {
+fn text_style(style: FontStyle, (h_pos, v_pos): (HPos, VPos)) -> TextStyle<'static> {
     // The back end divides the size by 1.24.
     let size = f64::from(TEXT * FINE) * 1.24;
     TextStyle::from(FontDesc::new(FontFamily::Name(FAMILY), size, style))
@@ -384,13 +379,6 @@ fn text_style(style: FontStyle, h_pos: HPos, v_pos: VPos) -> TextStyle<'static> 
         .pos(Pos::new(h_pos, v_pos))
 }
 
-fn text(
-    area: &Area<'_>,
-    content: &str,
-    at: (i32, i32),
-    h: HPos,
-    v: VPos,
-    style: FontStyle,
-) -> Drawn {
-    area.draw(&Text::new(content, at, text_style(style, h, v))).map_err(|e| e.to_string())
+fn text(area: &Area<'_>, content: &str, at: (i32, i32), anchor: (HPos, VPos)) -> Drawn {
+    area.draw(&Text::new(content, at, text_style(FontStyle::Normal, anchor)))
 }

@@ -2,23 +2,13 @@
 
 use std::collections::BTreeMap;
 
+use anyhow::Context as _;
 use ipc_types::Sample;
 use plant::transmission::{Input, Transmission as _};
 use plant::transmission_kinds::Plant;
 use rig::{Hand, HandKind, RigFile};
 
 use super::recorded_messages::{by_tick, master, slave, torque};
-
-/// The declared model cannot be simulated.
-#[derive(Debug, thiserror::Error)]
-pub enum ModelError {
-    /// The rig file.
-    #[error(transparent)]
-    Rig(#[from] rig::RigError),
-    /// A value that the model cannot have.
-    #[error("declared model: {0}")]
-    Parameter(#[from] plant::ParameterError),
-}
 
 /// Measurement and simulation of the declared model, tick by tick.
 #[derive(Clone, Debug)]
@@ -65,8 +55,8 @@ const INITIAL: usize = 20;
 /// or no position was recorded.
 ///
 /// # Errors
-/// [`ModelError`].
-pub fn model(samples: &[Sample], rig: &RigFile) -> Result<Option<Model>, ModelError> {
+/// Where the rig file gives the model a value that it cannot have.
+pub fn model(samples: &[Sample], rig: &RigFile) -> anyhow::Result<Option<Model>> {
     let rows = by_tick(samples);
     let (Some(first), 1, true) = (rows.first(), rig.axes.len(), rig.model.kind.is_transmission())
     else {
@@ -85,9 +75,9 @@ pub fn model(samples: &[Sample], rig: &RigFile) -> Result<Option<Model>, ModelEr
     let held = hand.kind == HandKind::Passive;
     let mut parameters = rig.axis_parameters(&rig.axes[0])?;
     if held {
-        parameters.load_handle(hand.inertia)?;
+        parameters.load_handle(hand.inertia).context("declared model")?;
     }
-    let mut plant = parameters.plant(rig.model_effects()?)?;
+    let mut plant = parameters.plant(rig.model_effects()?).context("declared model")?;
     // Measured positions are the handle's; the plant's master turns as often as the motor.
     let gear = rig.axes[0].master.turns_per_handle_turn;
     plant.rest_at(gear * master_0, Some(slave_0).filter(|slave| slave.is_finite()));

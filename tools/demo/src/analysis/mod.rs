@@ -7,10 +7,10 @@ mod message_loss;
 mod recorded_messages;
 mod timing;
 
-pub use declared_model_error::{Model, ModelError, model};
+pub use declared_model_error::{Model, model};
 pub use message_loss::{Losses, TopicLoss, losses};
 pub use operator::status::Percentiles;
-pub use recorded_messages::{Trace, TraceError};
+pub use recorded_messages::Trace;
 pub(crate) use recorded_messages::{master, slave};
 pub use timing::{
     OfLoops, Outage, Rate, Timing, Trip, command_rates, missed_periods, of_loops, outage, profile,
@@ -62,8 +62,8 @@ impl Analysis {
 /// Analyses a recording.
 ///
 /// # Errors
-/// [`ModelError`] where the declared model cannot be simulated although it is of a kind that can.
-pub fn analyse(trace: Trace, kills: &[Kill], rig: &RigFile) -> Result<Analysis, ModelError> {
+/// Where the declared model cannot be simulated although it is of a kind that can.
+pub fn analyse(trace: Trace, kills: &[Kill], rig: &RigFile) -> anyhow::Result<Analysis> {
     let outages = kills
         .iter()
         .enumerate()

@@ -3,28 +3,12 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
+use anyhow::bail;
 use ipc_types::{
     AXES, CardScan, EnableToken, Event, LoopTiming, Message, MotorCommand, Sample, TOPICS,
 };
 use recording::mcap_read::{Channel, Check, ReadError, Recording, Selection};
 use recording::mcap_write::key;
-
-/// The recording cannot be used at all.
-#[derive(Debug, thiserror::Error)]
-pub enum TraceError {
-    /// It cannot be read.
-    #[error(transparent)]
-    Read(#[from] ReadError),
-    /// It holds no samples.
-    #[error(
-        "{file}: expected samples of acquisition, found none; was the recording started after the \
-            rig went down?"
-    )]
-    Empty {
-        /// The file.
-        file: String,
-    },
-}
 
 /// The messages and metadata of one recording.
 #[derive(Debug, Default)]
@@ -57,8 +41,8 @@ impl Trace {
     /// Reads a recording; damaged chunks are skipped and listed in [`Trace::check`].
     ///
     /// # Errors
-    /// [`TraceError`] where it cannot be read or holds no samples.
-    pub fn read(path: &Path) -> Result<Self, TraceError> {
+    /// Where it cannot be read or holds no samples.
+    pub fn read(path: &Path) -> anyhow::Result<Self> {
         let recording = Recording::open(path)?;
         let mut trace = Self::default();
         let wanted = recording.channels().iter();
@@ -78,7 +62,11 @@ impl Trace {
             }
         }
         if trace.samples.is_empty() {
-            return Err(TraceError::Empty { file: path.display().to_string() });
+            bail!(
+                "{}: expected samples of acquisition, found none; was the recording started after \
+                    the rig went down?",
+                path.display()
+            );
         }
         trace.begin_ns = trace.samples.iter().map(|sample| sample.scan_time_ns).min().unwrap_or(0);
         trace.events.sort_by_key(|event| event.time_ns);

@@ -54,19 +54,17 @@ pub fn cells(done: impl Fn() + Sync) -> Result<Vec<CableCell>> {
                 slave_amplitude_deg: *amplitude,
             };
             let found = fit_with_peak(target, FACTORS.0, FACTORS.1, cable)?;
-            let mut cell = CableCell {
+            let (factor, top) = found.unzip();
+            let peak_hz = top.and_then(|top| top.frequency_hz());
+            let cut_off_hz = cut_off(&cable(factor.unwrap_or(1.0)), peak_hz)?;
+            done();
+            Ok(CableCell {
                 amplitude_deg: *amplitude,
                 damping_n_s_per_m: *damping,
-                factor: found.as_ref().map(|(factor, _)| *factor),
-                peak_gain: None,
-                cut_off_hz: None,
-            };
-            if let Some((factor, top)) = found {
-                cell.peak_gain = top.gain();
-                cell.cut_off_hz = cut_off(&cable(factor), top.frequency_hz())?;
-            }
-            done();
-            Ok(cell)
+                factor,
+                peak_gain: top.and_then(|top| top.gain()),
+                cut_off_hz,
+            })
         })
         .collect()
 }

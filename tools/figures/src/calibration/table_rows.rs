@@ -3,7 +3,7 @@
 use std::fmt::Display;
 
 use super::Calibration;
-use super::alternatives::Alternative;
+use super::alternatives::{Alternative, Read};
 use super::conclusions::Conclusion;
 use super::sensitivity::SweepPoint;
 use crate::table_row::{Role, Row};
@@ -73,23 +73,26 @@ pub fn rows(
     Ok(rows)
 }
 
+/// What is predicted in each cell of the grid and by each explanation: name, unit, value.
+const PREDICTED: [(&str, &str, Read); 6] = [
+    ("peak_hz", "Hz", |p| p.peak_hz),
+    ("cutoff_hz", "Hz", |p| p.cut_off_hz),
+    ("lag_1hz_s", "s", |p| p.lag_1hz_s),
+    ("low_frequency_gain", "1", |p| p.low_frequency_gain),
+    ("short_peak_hz", "Hz", |p| p.short_peak_hz),
+    ("short_cutoff_hz", "Hz", |p| p.short_cut_off_hz),
+];
+
 /// What the fit gives in every cell of the grid.
 fn grid_rows(cells: &[SweepPoint]) -> Vec<Row> {
     let mut rows = Vec::new();
     for cell in cells {
-        let (p, t) = (&cell.printed, &cell.traced);
-        let values = [
-            ("line_stiffness_factor", "1", Some(1.0), cell.factor),
-            ("peak_hz", "Hz", p.peak_hz, t.peak_hz),
-            ("cutoff_hz", "Hz", p.cut_off_hz, t.cut_off_hz),
-            ("lag_1hz_s", "s", p.lag_1hz_s, t.lag_1hz_s),
-            ("low_frequency_gain", "1", p.low_frequency_gain, t.low_frequency_gain),
-            ("short_peak_hz", "Hz", None, t.short_peak_hz),
-            ("short_cutoff_hz", "Hz", None, t.short_cut_off_hz),
-        ];
-        for (name, unit, printed, traced) in values {
-            let row = own(format!("grid.{}.{name}", cell.name()), unit, [printed, traced]);
-            rows.push(row.role(role(name)));
+        let mut add = |name: &str, unit: &str, ours| {
+            rows.push(own(format!("grid.{}.{name}", cell.name()), unit, ours).role(role(name)));
+        };
+        add("line_stiffness_factor", "1", [Some(1.0), cell.factor]);
+        for (name, unit, read) in PREDICTED {
+            add(name, unit, [read(&cell.printed), read(&cell.traced)]);
         }
     }
     rows
@@ -99,21 +102,17 @@ fn grid_rows(cells: &[SweepPoint]) -> Vec<Row> {
 fn alternative_rows(alternatives: &[Alternative]) -> Result<Vec<Row>> {
     let mut rows = Vec::new();
     for alternative in alternatives {
-        let (id, t) = (alternative.id, &alternative.prediction);
+        let id = alternative.id;
         let size =
             own(format!("explanation.{id}.size"), alternative.unit, [None, alternative.size]);
         rows.push(size.role(Role::Fitted).note(alternative.what));
-        let values = [
-            ("peak_hz", "Hz", t.peak_hz),
-            ("cutoff_hz", "Hz", t.cut_off_hz),
-            ("lag_1hz_s", "s", t.lag_1hz_s),
-            ("low_frequency_gain", "1", t.low_frequency_gain),
-            ("short_peak_hz", "Hz", t.short_peak_hz),
-            ("short_cutoff_hz", "Hz", t.short_cut_off_hz),
+        let predicted =
+            PREDICTED.map(|(name, unit, read)| (name, unit, read(&alternative.prediction)));
+        let misses = [
             ("miss_measured_percent", "%", alternative.miss_percent(true)?),
             ("miss_all_percent", "%", alternative.miss_percent(false)?),
         ];
-        for (name, unit, value) in values {
+        for (name, unit, value) in predicted.into_iter().chain(misses) {
             let row = own(format!("explanation.{id}.{name}"), unit, [None, value]);
             rows.push(row.role(role(name)));
         }

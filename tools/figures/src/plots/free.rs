@@ -71,7 +71,8 @@ fn pair(rig: &RigFile, movement: &Swing) -> Result<Pair> {
     Ok([swing(rig, HandleControl::Off, movement)?, swing(rig, HandleControl::Force, movement)?])
 }
 
-fn case(rig: &RigFile, case: &Case, hertz: f64) -> Result<Pair> {
+/// Rig and movement of a case.
+fn case(rig: &RigFile, case: &Case, hertz: f64) -> (RigFile, Swing) {
     let mut rig = rig.clone();
     if let Some(force) = &mut rig.axes[0].control.force {
         force.torque_gain *= case.gain;
@@ -81,7 +82,7 @@ fn case(rig: &RigFile, case: &Case, hertz: f64) -> Result<Pair> {
     }
     let plain = Swing::of_the_thesis(hertz);
     let (stiffness, damping) = case.hand.unwrap_or((plain.stiffness, plain.damping));
-    pair(&rig, &Swing { stiffness, damping, ..plain })
+    (rig, Swing { stiffness, damping, ..plain })
 }
 
 /// Free movement, as one of the figures.
@@ -99,26 +100,14 @@ pub fn movement(_: &Common) -> Result<Plot> {
 /// table.
 pub fn free_movement() -> Result<Plot> {
     let rigs = rigs()?;
-    let (pairs, cases) = rayon::join(
-        || {
-            (0..rigs.len() * HERTZ.len())
-                .into_par_iter()
-                .map(|at| {
-                    pair(&rigs[at / HERTZ.len()], &Swing::of_the_thesis(HERTZ[at % HERTZ.len()]))
-                })
-                .collect::<Result<Vec<Pair>>>()
-        },
-        || {
-            (0..CASES.len() * PLOTTED.len())
-                .into_par_iter()
-                .map(|at| {
-                    case(&rigs[1], &CASES[at / PLOTTED.len()], HERTZ[PLOTTED[at % PLOTTED.len()]])
-                })
-                .collect::<Result<Vec<Pair>>>()
-        },
-    );
-    let (pairs, cases) = (pairs?, cases?);
-    let (printed, traced) = pairs.split_at(HERTZ.len());
+    let plain =
+        rigs.iter().flat_map(|rig| HERTZ.map(|hertz| (rig.clone(), Swing::of_the_thesis(hertz))));
+    let changed = CASES.iter().flat_map(|of| PLOTTED.map(|at| case(&rigs[1], of, HERTZ[at])));
+    let movements: Vec<(RigFile, Swing)> = plain.chain(changed).collect();
+    let pairs: Vec<Pair> =
+        movements.par_iter().map(|(rig, movement)| pair(rig, movement)).collect::<Result<_>>()?;
+    let (printed, others) = pairs.split_at(HERTZ.len());
+    let (traced, cases) = others.split_at(HERTZ.len());
     let panels = Panels::new("Fig. 4.2, free movement under force control")
         .panel(over_frequency("A  Torque of the hand, rms", [printed, traced], |spent| spent.rms))
         .panel(over_frequency("B  Peak-to-peak torque at the turns", [printed, traced], |spent| {
@@ -135,9 +124,8 @@ pub fn free_movement() -> Result<Plot> {
     for (at, hertz) in HERTZ.into_iter().enumerate() {
         rows.extend(values(hertz, &printed[at], &traced[at]));
     }
-    for (at, pair) in cases.iter().enumerate() {
+    for (at, [dead, free]) in cases.iter().enumerate() {
         let (case, hertz) = (&CASES[at / PLOTTED.len()], HERTZ[PLOTTED[at % PLOTTED.len()]]);
-        let [dead, free] = pair;
         for (name, value) in [
             ("uncompensated_hand_torque_rms_nm", dead.rms),
             ("hand_torque_rms_nm", free.rms),

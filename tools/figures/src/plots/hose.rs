@@ -98,12 +98,20 @@ const EFFICIENCIES: [Efficiency; 3] = [
     },
 ];
 
+/// Panels and rows of the hoses of some values (m), with the printed constants and with the traced
+/// line; `make` gives each hose its name, its name in rows and its line.
 fn study(
+    common: &Common,
     figure: &'static str,
     kind: &str,
-    printed: &[Hose],
-    traced: &[Hose],
-) -> (Panels, Vec<Row>) {
+    values: &[f64],
+    make: fn(Line, f64) -> (String, String, Line),
+) -> Result<(Panels, Vec<Row>)> {
+    let hoses = |base: &Line| -> Result<Vec<Hose>> {
+        let all: Vec<_> = values.iter().map(|value| make(base.clone(), *value)).collect();
+        all.into_par_iter().map(|(name, id, line)| Hose::new(name, id, &line)).collect()
+    };
+    let (printed, traced) = (hoses(&Line::printed())?, hoses(&common.calibration.line)?);
     let moving =
         |cycle: &Cycle, value: f64| if cycle.response.gain < STILL { f64::NAN } else { value };
     let frequencies = logarithmic(RANGE_HZ.0, RANGE_HZ.1, POINTS);
@@ -129,7 +137,7 @@ fn study(
         panels = panels.panel(draw(axes, &|c| moving(c, (efficiency.of)(c))));
     }
     let mut rows = Vec::new();
-    for (p, t) in printed.iter().zip(traced) {
+    for (p, t) in printed.iter().zip(&traced) {
         let hoses = [p, t];
         let id = |name: &str| format!("own.{kind}.{}.{name}", t.id);
         let peaks = hoses.map(|hose| hose.peak_hz);
@@ -150,17 +158,7 @@ fn study(
             );
         }
     }
-    (panels, rows)
-}
-
-fn hoses(
-    base: &Line,
-    values: &[f64],
-    make: fn(Line, f64) -> (String, String, Line),
-) -> Result<Vec<Hose>> {
-    let all: Vec<(String, String, Line)> =
-        values.iter().map(|value| make(base.clone(), *value)).collect();
-    all.par_iter().map(|(name, id, line)| Hose::new(name.clone(), id.clone(), line)).collect()
+    Ok((panels, rows))
 }
 
 const EFFICIENCY_WORDS: &str = "B: efficiency by eq. 3.2.1 as printed, which pairs the torque of \
@@ -174,16 +172,10 @@ const EFFICIENCY_WORDS: &str = "B: efficiency by eq. 3.2.1 as printed, which pai
 /// Where a constant is out of range.
 pub fn diameter(common: &Common) -> Result<Plot> {
     let make = |line: Line, diameter: f64| {
-        let millimetres = 1e3 * diameter;
-        (
-            format!("{millimetres:.0} mm"),
-            format!("{millimetres:.0}mm"),
-            line.with_diameter(diameter),
-        )
+        let name = format!("{:.0} mm", 1e3 * diameter);
+        (name.clone(), name.replace(' ', ""), line.with_diameter(diameter))
     };
-    let printed = hoses(&Line::printed(), &DIAMETERS_M, make)?;
-    let traced = hoses(&common.calibration.line, &DIAMETERS_M, make)?;
-    let (panels, rows) = study("3.5", "diameter", &printed, &traced);
+    let (panels, rows) = study(common, "3.5", "diameter", &DIAMETERS_M, make)?;
     let caption = format!(
         "Hoses of 5 to 15 mm, 10 m long, the cylinders kept. A: a narrower hose damps more, so the \
             peak is lower and its top moves down; the frequency at which the slave lags by 90°, \
@@ -201,9 +193,7 @@ pub fn length(common: &Common) -> Result<Plot> {
     let make = |line: Line, length: f64| {
         (format!("{length:.0} m"), format!("{length:.0}m"), line.with_length(length))
     };
-    let printed = hoses(&Line::printed(), &LENGTHS_M, make)?;
-    let traced = hoses(&common.calibration.line, &LENGTHS_M, make)?;
-    let (panels, rows) = study("3.6", "length", &printed, &traced);
+    let (panels, rows) = study(common, "3.6", "length", &LENGTHS_M, make)?;
     let caption = format!(
         "Hoses of 1 to 20 m with the bore of the printed area. A: a shorter hose is stiffer and \
             holds less fluid, so the peak moves up; short hoses lag little below it. \

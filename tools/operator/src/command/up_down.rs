@@ -16,6 +16,8 @@ use crate::{Cleaning, DONE, Down, Error, Up, UpOptions};
 const BEST_EFFORT_COSTS: &str =
     "loops may wake some ms late, power is cut later, and only the simulated card is powered";
 /// Why a rig does not run in real time.
+const CHOSEN_BY_STALLS: &str = "because this computer stalls (--profile realtime overrides)";
+const CHOSEN_BY_PERSON: &str = "as chosen (--profile, FARREACH_PROFILE)";
 const NOT_GRANTED: &str = "because real-time scheduling is not granted (rtprio and memlock in \
                            /etc/security/limits.d grant it)";
 
@@ -120,14 +122,9 @@ fn print_up(out: &mut dyn Write, up: &Up, options: &UpOptions) -> anyhow::Result
     writeln!(out, "  next       farreach{option} {next}")?;
     if up.profile == Profile::BestEffort {
         let why = match up.host_stall {
-            Some(stall) if stall.fifo => {
-                "because this computer stalls (--profile realtime overrides)"
-            }
-            Some(_) => NOT_GRANTED,
-            None if chosen == Some(Profile::BestEffort) => {
-                "as chosen (--profile, FARREACH_PROFILE)"
-            }
-            None => NOT_GRANTED,
+            Some(stall) if stall.fifo => CHOSEN_BY_STALLS,
+            None if chosen == Some(Profile::BestEffort) => CHOSEN_BY_PERSON,
+            _ => NOT_GRANTED,
         };
         eprintln!("profile best-effort {why}: {BEST_EFFORT_COSTS}");
     }

@@ -4,10 +4,10 @@ use std::time::{Duration, Instant};
 
 use ipc_types::{
     COMMAND, EnableToken, Event, EventKind, Heartbeat, LOSS, LoopTiming, LossCounters, Message,
-    MotorCommand, Process, Profile, SAMPLE, Sample, TOKEN, WatchdogState, event_topic,
-    heartbeat_topic, timing_topic,
+    MotorCommand, Process, SAMPLE, Sample, TOKEN, WatchdogState, event_topic, heartbeat_topic,
+    timing_topic,
 };
-use runtime::{Domain, HostStall, PortError, Subscriber, clock::now_ns};
+use runtime::{PortError, Subscriber, clock::now_ns};
 
 use crate::{Error, RigLink};
 
@@ -17,42 +17,6 @@ const SHORTEST: Duration = Duration::from_millis(300);
 const LONGEST: Duration = Duration::from_millis(1200);
 /// Polling period; the subscribers' buffers hold more messages than arrive within it.
 const POLL_PERIOD: Duration = Duration::from_millis(20);
-
-/// The newest messages of a rig.
-#[derive(Clone, Debug)]
-pub struct Observation {
-    /// When it ended (ns, `CLOCK_MONOTONIC`).
-    pub now_ns: u64,
-    /// Session of the rig.
-    pub session: u64,
-    /// Profile of the rig.
-    pub profile: Profile,
-    /// Measured stalls of the host.
-    pub host_stall: Option<HostStall>,
-    /// Newest sample.
-    pub sample: Option<Sample>,
-    /// Newest token.
-    pub token: Option<EnableToken>,
-    /// When the watchdog last tripped or faulted (ns, `CLOCK_MONOTONIC`).
-    pub tripped_ns: Option<u64>,
-    /// Messages per second, of the processes with a fast topic.
-    pub rates: Vec<(Process, f64)>,
-    /// When each process with a fast topic published last (ns, `CLOCK_MONOTONIC`).
-    pub last_messages: Vec<(Process, u64)>,
-    /// Newest timing of each periodic process.
-    pub timings: Vec<LoopTiming>,
-    /// Newest heartbeat of each slow process.
-    pub heartbeats: Vec<Heartbeat>,
-    /// Newest counters of each topic.
-    pub losses: Vec<LossCounters>,
-}
-
-impl Observation {
-    /// Age of a message that was published at `time_ns` (ms).
-    pub fn age_ms(&self, time_ns: u64) -> f64 {
-        self.now_ns.saturating_sub(time_ns) as f64 / 1e6
-    }
-}
 
 /// Sequence and time of the first and the last message of one incarnation.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -79,9 +43,9 @@ impl Span {
 }
 
 /// Newest message and rate of one topic.
-struct Latest<T: Message> {
+pub(super) struct Latest<T: Message> {
     reader: Subscriber<T>,
-    newest: Option<T>,
+    pub(super) newest: Option<T>,
     span: Span,
 }
 
@@ -104,17 +68,21 @@ impl<T: Message> Latest<T> {
     }
 }
 
-/// Subscriptions to all that [`Observation`] holds.
-pub struct Observer {
-    samples: Latest<Sample>,
+/// Subscriptions to a rig's topics, and their newest messages.
+pub(super) struct Observer {
+    pub(super) samples: Latest<Sample>,
     commands: Latest<MotorCommand>,
-    tokens: Latest<EnableToken>,
+    pub(super) tokens: Latest<EnableToken>,
     timings: Vec<Latest<LoopTiming>>,
     heartbeats: Vec<Latest<Heartbeat>>,
     losses: Subscriber<LossCounters>,
-    loss: Vec<LossCounters>,
     events: Option<Subscriber<Event>>,
-    tripped_ns: Option<u64>,
+    /// Newest counters of each topic.
+    pub(super) loss: Vec<LossCounters>,
+    /// When the watchdog last tripped or faulted (ns, `CLOCK_MONOTONIC`).
+    pub(super) tripped_ns: Option<u64>,
+    /// When the last observation ended (ns, `CLOCK_MONOTONIC`).
+    pub(super) now_ns: u64,
 }
 
 impl Observer {
@@ -122,7 +90,7 @@ impl Observer {
     ///
     /// # Errors
     /// If a topic has no slot for another subscriber.
-    pub fn new(link: &RigLink) -> Result<Self, Error> {
+    pub(super) fn new(link: &RigLink) -> Result<Self, Error> {
         let timings = Process::ALL.iter().filter_map(|process| timing_topic(*process));
         let heartbeats = Process::ALL.iter().filter_map(|process| heartbeat_topic(*process));
         Ok(Self {
@@ -141,6 +109,7 @@ impl Observer {
                 .map(|topic| link.subscriber(topic))
                 .transpose()?,
             tripped_ns: None,
+            now_ns: 0,
         })
     }
 
@@ -148,7 +117,7 @@ impl Observer {
     ///
     /// # Errors
     /// If a subscription fails.
-    pub fn observe(&mut self, domain: &Domain) -> Result<Observation, Error> {
+    pub(super) fn observe(&mut self) -> Result<(), Error> {
         let started = Instant::now();
         self.begin();
         loop {
@@ -159,32 +128,36 @@ impl Observer {
             }
             std::thread::sleep(POLL_PERIOD);
         }
-        let fast = [
+        self.now_ns = now_ns();
+        Ok(())
+    }
+
+    /// Newest timing of each periodic process.
+    pub(super) fn timings(&self) -> impl Iterator<Item = LoopTiming> {
+        self.timings.iter().filter_map(|latest| latest.newest)
+    }
+
+    /// Newest heartbeat of each slow process.
+    pub(super) fn heartbeats(&self) -> impl Iterator<Item = Heartbeat> {
+        self.heartbeats.iter().filter_map(|latest| latest.newest)
+    }
+
+    /// The processes with a fast topic: messages per second (Hz), and when the last was published
+    /// (ns, `CLOCK_MONOTONIC`).
+    pub(super) fn fast(&self) -> [(Process, Option<f64>, Option<u64>); 3] {
+        [
             (Process::Acquisition, self.samples.span),
             (Process::Control, self.commands.span),
             (Process::Watchdog, self.tokens.span),
-        ];
-        Ok(Observation {
-            now_ns: now_ns(),
-            session: domain.session(),
-            profile: domain.profile(),
-            host_stall: domain.host_stall(),
-            sample: self.samples.newest,
-            token: self.tokens.newest,
-            tripped_ns: self.tripped_ns,
-            rates: fast
-                .iter()
-                .filter_map(|(process, span)| Some((*process, span.rate_hz()?)))
-                .collect(),
-            last_messages: fast
-                .iter()
-                .filter(|(_, span)| span.last.1 > 0)
-                .map(|(p, span)| (*p, span.last.1))
-                .collect(),
-            timings: self.timings.iter().filter_map(|latest| latest.newest).collect(),
-            heartbeats: self.heartbeats.iter().filter_map(|latest| latest.newest).collect(),
-            losses: self.loss.clone(),
+        ]
+        .map(|(process, span)| {
+            (process, span.rate_hz(), Some(span.last.1).filter(|time_ns| *time_ns > 0))
         })
+    }
+
+    /// Age of a message that was published at `time_ns` (ms).
+    pub(super) fn age_ms(&self, time_ns: u64) -> f64 {
+        self.now_ns.saturating_sub(time_ns) as f64 / 1e6
     }
 
     fn begin(&mut self) {
