@@ -23,14 +23,18 @@ macro_rules! processes {
         /// The processes of which a rig consists.
         pub const PROCESSES: &[ProcessEntry] = &[$($(ProcessEntry {
             process: Process::$name,
-            topics: &[$(ProcessTopic {
-                name: concat!(stringify!($topic), "/", $text),
-                kind: ProcessTopicKind::$topic,
-                place: $place,
-            },)*],
             $($entry)+
             ..STANDARD
         },)?)+];
+
+        /// The topics that several processes have, with the owner of each.
+        pub(crate) const PROCESS_TOPICS: &[(Process, ProcessTopic)] = &[
+            $($($((Process::$name, ProcessTopic {
+                name: concat!(stringify!($topic), "/", $text),
+                kind: ProcessTopicKind::$topic,
+                place: $place,
+            }),)*)?)+
+        ];
     };
 }
 
@@ -103,8 +107,6 @@ processes! {
 pub struct ProcessEntry {
     /// Which process.
     pub process: Process,
-    /// What it publishes besides the topics of its own.
-    pub topics: &'static [ProcessTopic],
     /// Processes that start before it and stop after it. All but the keeper wait for the keeper.
     pub after: &'static [Process],
     /// The card that it belongs to; it then runs with that card only.
@@ -124,7 +126,6 @@ pub struct ProcessEntry {
 /// An entry without particulars.
 const STANDARD: ProcessEntry = ProcessEntry {
     process: Process::Keeper,
-    topics: &[],
     after: &[],
     card: None,
     real_time: None,
@@ -136,19 +137,19 @@ const STANDARD: ProcessEntry = ProcessEntry {
 
 /// A topic that several processes have, each its own.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct ProcessTopic {
+pub(crate) struct ProcessTopic {
     /// Name of the topic, `event/control`.
-    pub name: &'static str,
+    pub(crate) name: &'static str,
     /// What its messages are.
-    pub kind: ProcessTopicKind,
+    pub(crate) kind: ProcessTopicKind,
     /// Its place in the table of topics; recordings hold it.
-    pub place: usize,
+    pub(crate) place: usize,
 }
 
 /// The topics that several processes have.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[allow(non_camel_case_types, reason = "the word is the first part of the topic's name")]
-pub enum ProcessTopicKind {
+pub(crate) enum ProcessTopicKind {
     /// Events: every process with ports.
     event,
     /// Heartbeats: a slow process.

@@ -2,10 +2,10 @@
 
 use std::marker::PhantomData;
 
+use crate::process::{PROCESS_TOPICS, ProcessTopic, ProcessTopicKind};
 use crate::{
     CARD_FIFO, CardOutput, CardScan, ClockSync, EnableLine, EnableToken, Event, Field, Heartbeat,
-    LoopTiming, LossCounters, Message, MotorCommand, PROCESSES, Process, ProcessTopic,
-    ProcessTopicKind, Sample, Setpoint,
+    LoopTiming, LossCounters, Message, MotorCommand, Process, Sample, Setpoint,
 };
 
 /// How often a topic is published.
@@ -157,39 +157,25 @@ const fn process_topic(owner: Process, own: ProcessTopic) -> Topic {
     }
 }
 
-const COUNT: usize = {
-    let (mut count, mut at) = (OWN.len(), 0);
-    while at < PROCESSES.len() {
-        count += PROCESSES[at].topics.len();
-        at += 1;
-    }
-    count
-};
+const COUNT: usize = OWN.len() + PROCESS_TOPICS.len();
 
 /// The topics. [`LossCounters::topic`] is an index into this table.
 pub const TOPICS: &[Topic] = &{
     let mut table: [Option<Topic>; COUNT] = [None; COUNT];
     let mut at = 0;
-    while at < OWN.len() {
-        let (place, topic) = OWN[at];
+    while at < COUNT {
+        let (place, topic) = if at < OWN.len() {
+            OWN[at]
+        } else {
+            let (owner, own) = PROCESS_TOPICS[at - OWN.len()];
+            (own.place, process_topic(owner, own))
+        };
         assert!(table[place].is_none(), "two topics in one place");
         table[place] = Some(topic);
         at += 1;
     }
-    let mut process = 0;
-    while process < PROCESSES.len() {
-        let entry = &PROCESSES[process];
-        let mut at = 0;
-        while at < entry.topics.len() {
-            let own = entry.topics[at];
-            assert!(table[own.place].is_none(), "two topics in one place");
-            table[own.place] = Some(process_topic(entry.process, own));
-            at += 1;
-        }
-        process += 1;
-    }
     let mut topics = [SAMPLE.topic; COUNT];
-    let mut at = 0;
+    at = 0;
     while at < COUNT {
         // No place is free: there are as many topics as places.
         if let Some(topic) = table[at] {
