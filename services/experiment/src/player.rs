@@ -37,29 +37,14 @@ pub use reports::{Notice, Reason};
 pub use supervision::Permission;
 use supervision::{Supervision, Verdict};
 
-/// Times of the player.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Settings {
-    /// Lease of a setpoint (ns). A longer pause between two steps starts the segment again.
-    pub lease_ns: u64,
-    /// Time from a stop to rest (ns).
-    pub stop_fade_ns: u64,
-    /// How long the handle is held after the end, before 0 V (ns).
-    pub hold_ns: u64,
-    /// How long a client may be silent before its protocol ends (ns).
-    pub client_lease_ns: u64,
-}
-
-impl Default for Settings {
-    fn default() -> Self {
-        Self {
-            lease_ns: 100_000_000,
-            stop_fade_ns: 500_000_000,
-            hold_ns: 500_000_000,
-            client_lease_ns: 2_000_000_000,
-        }
-    }
-}
+/// Lease of a setpoint (ns). A longer pause between two steps starts the segment again.
+pub const LEASE_NS: u64 = 100_000_000;
+/// How long a client may be silent before its protocol ends (ns).
+pub const CLIENT_LEASE_NS: u64 = 2_000_000_000;
+/// Time from a stop to rest (ns).
+const STOP_FADE_NS: u64 = 500_000_000;
+/// How long the handle is held after the end, before 0 V (ns).
+const HOLD_NS: u64 = 500_000_000;
 
 /// A change of state; at most one in a step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -150,7 +135,6 @@ impl End {
 /// Plays one protocol at a time.
 #[derive(Clone, Debug)]
 pub struct Player {
-    settings: Settings,
     program: Option<Arc<Program>>,
     phase: Phase,
     /// Where each axis rests, or where the running segment found it (rad or m).
@@ -181,11 +165,10 @@ pub struct Player {
     jobs: VecDeque<IlcJob>,
 }
 
-impl Player {
-    /// Creates an idle player.
-    pub fn new(settings: Settings) -> Self {
+impl Default for Player {
+    /// An idle player.
+    fn default() -> Self {
         Self {
-            settings,
             program: None,
             phase: Phase::Idle,
             rest: [0.0; AXES],
@@ -207,7 +190,9 @@ impl Player {
             jobs: VecDeque::with_capacity(JOBS),
         }
     }
+}
 
+impl Player {
     /// Whether a protocol is running; the fade after a stop and the final hold do not count.
     pub fn is_running(&self) -> bool {
         matches!(self.phase, Phase::Entering { .. } | Phase::Playing { .. })
@@ -292,8 +277,7 @@ impl Player {
         if self.phase == Phase::Idle {
             return;
         }
-        let lease_ns = self.settings.client_lease_ns;
-        let verdict = self.supervision.check(now_ns, permission, renewed_ns, lease_ns);
+        let verdict = self.supervision.check(now_ns, permission, renewed_ns, CLIENT_LEASE_NS);
         self.waiting = verdict == Verdict::Wait;
         match verdict {
             Verdict::PermissionLost => self.end = Some(End::PermissionLost),
@@ -301,21 +285,6 @@ impl Player {
                 self.end.get_or_insert(End::ClientGone);
             }
             Verdict::Continue | Verdict::Wait | Verdict::ClientGone => {}
-        }
-    }
-
-    /// The state that a restarted process needs to resume; `session` is the rig's.
-    pub fn state(&self, session: u64, client: u64) -> PlayerState {
-        let program = self.program.as_ref();
-        PlayerState {
-            session,
-            name: program.map_or_else(String::new, |program| program.name.clone()),
-            text: program.map_or_else(String::new, |program| program.text.clone()),
-            protocol: program.map_or(0, |program| program.identity),
-            segment: self.segment,
-            running: self.is_running() && self.end.is_none(),
-            epoch: self.supervision.epoch(),
-            client,
         }
     }
 
@@ -345,7 +314,7 @@ impl Player {
         let last_ns = self.last_ns.unwrap_or(now_ns);
         let now_ns = now_ns.max(last_ns);
         self.last_ns = Some(now_ns);
-        let paused = now_ns - last_ns > self.settings.lease_ns;
+        let paused = now_ns - last_ns > LEASE_NS;
         if let Some(ilc) = self.ilc.as_mut().filter(|_| !paused) {
             ilc.advance(now_ns);
         }
@@ -387,7 +356,7 @@ impl Player {
                 }
             }
             Phase::Stopping { segment, stopped_ns, .. } => {
-                if now_ns - stopped_ns >= self.settings.stop_fade_ns || paused {
+                if now_ns - stopped_ns >= STOP_FADE_NS || paused {
                     self.rest = self.hold;
                     self.end_ilc();
                     self.phase = Phase::Holding { segment, since_ns: now_ns };
@@ -395,7 +364,7 @@ impl Player {
                 None
             }
             Phase::Holding { since_ns, .. } => {
-                if now_ns - since_ns >= self.settings.hold_ns {
+                if now_ns - since_ns >= HOLD_NS {
                     self.phase = Phase::Idle;
                 }
                 None

@@ -22,7 +22,7 @@ use runtime::{
 };
 use thiserror::Error;
 
-use crate::player::{Change, Notice, Permission, Player, Program, Settings};
+use crate::player::{Change, LEASE_NS, Notice, Permission, Player, Program};
 use crate::state::PlayerState;
 
 use ilc_worker::IlcWorker;
@@ -70,7 +70,6 @@ pub struct Runner {
     setpoints: Publisher<Setpoint>,
     heartbeats: Publisher<Heartbeat>,
     player: Player,
-    settings: Settings,
     link: LoopSide,
     grid: Grid,
     /// newest order taken, and the one that is being played
@@ -95,8 +94,7 @@ impl Runner {
     ) -> Result<Self, ExperimentError> {
         let directory = service.domain().name().make_run_directory().map_err(ServiceError::from)?;
         let file = directory.join(STATE);
-        let settings = Settings::default();
-        let mut player = Player::new(settings);
+        let mut player = Player::default();
         let session = service.identity().session;
         let current = match restore(&file, session, rig, &mut player) {
             Ok(current) => current,
@@ -139,7 +137,6 @@ impl Runner {
             requests: handler.serve(service.domain().name())?,
             grid: Grid::of_rate(rig.rates.experiment_hz, rig.phases.experiment_ns),
             player,
-            settings,
             link,
             taken: 0,
             playing: 0,
@@ -224,7 +221,7 @@ impl Runner {
         }
         self.player.supervise(wake.woke_ns, permission, self.link.progress.renewed_ns());
         let sample_ns = self.newest.map_or(0, |sample| sample.time_ns);
-        let fresh = wake.woke_ns.saturating_sub(sample_ns) <= self.settings.lease_ns;
+        let fresh = wake.woke_ns.saturating_sub(sample_ns) <= LEASE_NS;
         // Without samples the handle's position is unknown: no setpoint is published, the lease
         // lapses and control ramps to hold. When samples return, the segment starts again from
         // where the handle then is. A stop is always carried out.
@@ -268,7 +265,7 @@ impl Runner {
     fn permission(&self, now_ns: u64) -> Permission {
         let Some(token) = &self.token else { return Permission::Unknown };
         let age_ns = now_ns.saturating_sub(token.time_ns);
-        if token.state == WatchdogState::Enabled.code() && age_ns <= self.settings.lease_ns {
+        if token.state == WatchdogState::Enabled.code() && age_ns <= LEASE_NS {
             Permission::Enabled(token.epoch)
         } else {
             Permission::Withdrawn
@@ -296,17 +293,8 @@ impl Runner {
 
 /// Positions of the masters (rad or m); NaN where there is none.
 fn measured(sample: Option<&Sample>) -> [f64; AXES] {
-    let mut positions = [f64::NAN; AXES];
-    if let Some(sample) = sample {
-        for (axis, (position, measured)) in
-            positions.iter_mut().zip(sample.master_position).enumerate()
-        {
-            if sample.master_present >> axis & 1 == 1 {
-                *position = measured;
-            }
-        }
-    }
-    positions
+    let seen = |axis: usize| sample.filter(|sample| sample.master_present >> axis & 1 == 1);
+    std::array::from_fn(|axis| seen(axis).map_or(f64::NAN, |sample| sample.master_position[axis]))
 }
 
 /// Positions of the handles by their own encoders (rad or m); NaN where there is none.
@@ -404,7 +392,7 @@ fn restore(
             Protocol::parse(&state.text, &state.name).map_err(|error| error.to_string())?;
         let program = Arc::new(Program::new(&protocol, rig).map_err(|error| error.to_string())?);
         player.resume(&state, Arc::clone(&program)).map_err(|error| error.to_string())?;
-        Ok(Some(Current { order: 0, client: state.client, text: state.text, program }))
+        Ok(Some(Current { order: 0, client: state.client, program }))
     });
     if result.is_err() {
         // Nothing better can be done where even that fails: it is then told at each start.

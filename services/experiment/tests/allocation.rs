@@ -8,7 +8,7 @@ use std::sync::Arc;
 
 use experiment::ilc_trial::{IlcResult, Returned};
 use experiment::ilc_update::IlcUpdater;
-use experiment::player::{IlcJob, Player, Program, Settings};
+use experiment::player::{IlcJob, Player, Program};
 use ipc_types::AXES;
 use rig::RigFile;
 use rig::protocol::Protocol;
@@ -57,7 +57,7 @@ fn the_loop_allocates_and_frees_nothing() {
         law = \"model-based\"\nharmonics = 3\n";
     let program =
         Arc::new(Program::new(&Protocol::parse(text, "two.toml").unwrap(), &rig).unwrap());
-    let mut player = Player::new(Settings::default());
+    let mut player = Player::default();
     player.start(Arc::clone(&program), 1);
     let mut updater: Option<IlcUpdater> = None;
     let (mut total, mut now_ns, mut blocks, mut ends) = (0, 1_000_000_000u64, 0, 0);

@@ -3,7 +3,7 @@
 
 use std::sync::Arc;
 
-use experiment::player::{Player, Program, Settings};
+use experiment::player::{Player, Program};
 use ipc_types::{AXES, Mode, Setpoint, TABLE};
 use rig::RigFile;
 use rig::protocol::Protocol;
@@ -17,7 +17,7 @@ fn rig() -> RigFile {
 
 fn played(lines: &str) -> Setpoint {
     let protocol = Protocol::parse(&format!("{FREE}{lines}"), "p.toml").unwrap();
-    let mut player = Player::new(Settings::default());
+    let mut player = Player::default();
     player.start(Arc::new(Program::new(&protocol, &rig()).unwrap()), 1);
     let mut setpoint = None;
     for step in 0..3 {

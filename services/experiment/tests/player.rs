@@ -3,7 +3,7 @@
 
 use std::sync::Arc;
 
-use experiment::player::{Change, Output, Permission, Player, Program, ResumeError, Settings};
+use experiment::player::{Change, Output, Permission, Player, Program, ResumeError};
 use experiment::state::PlayerState;
 use ipc_types::{AXES, Mode, Setpoint};
 use proptest::prelude::*;
@@ -46,6 +46,12 @@ centre_deg = 10
 duration_s = 3
 "#;
 
+/// The state with which another process would resume.
+fn state(player: &Player, session: u64, client: u64) -> PlayerState {
+    let (segment, running) = (player.status().segment, !player.is_ending());
+    player.program().unwrap().state(session, segment, running, player.epoch(), client)
+}
+
 fn rig() -> RigFile {
     let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../launch/rigs/hydrostatic.toml");
     RigFile::load(path).unwrap_or_else(|error| panic!("{error}"))
@@ -57,7 +63,7 @@ fn program(text: &str) -> Arc<Program> {
 }
 
 fn player(text: &str) -> Player {
-    let mut player = Player::new(Settings::default());
+    let mut player = Player::default();
     player.start(program(text), EPOCH);
     player
 }
@@ -96,7 +102,7 @@ fn assert_smooth(setpoints: &[Setpoint]) {
 
 #[test]
 fn says_nothing_before_the_first_protocol() {
-    let mut player = Player::new(Settings::default());
+    let mut player = Player::default();
     assert_eq!(player.step(0, &[0.0; AXES]), Output { setpoint: None, change: None });
     assert!(!player.is_running());
 }
@@ -176,7 +182,7 @@ fn a_stop_in_full_movement_comes_to_rest_holds_and_lets_go() {
     assert_eq!(mode(at(700)), Mode::Hold);
     assert_eq!((at(700).position[0], at(700).velocity[0]), (hold, 0.0));
     assert_eq!(mode(at(1_100)), Mode::Passive);
-    assert!(!player.status().completed && !player.state(1, CLIENT).running);
+    assert!(!player.status().completed && !state(&player, 1, CLIENT).running);
 }
 
 #[test]
@@ -195,11 +201,11 @@ fn a_stop_at_rest_lets_go_at_once_and_a_stop_of_nothing_does_nothing() {
 fn a_restart_goes_on_at_the_edge_of_the_interrupted_segment() {
     let mut first = player(TEXT);
     play(&mut first, 0, 5_300 * MS);
-    let kept = first.state(42, CLIENT).encode().unwrap();
+    let kept = state(&first, 42, CLIENT).encode().unwrap();
 
     let state = PlayerState::decode(&kept).unwrap();
     assert_eq!((state.session, state.segment, state.running), (42, 2, true));
-    let mut second = Player::new(Settings::default());
+    let mut second = Player::default();
     second.resume(&state, program(&state.text)).unwrap();
     let measured = [0.2, 0.0, 0.0];
     second.supervise(60_000 * MS, Permission::Enabled(EPOCH), 60_000 * MS);
@@ -217,8 +223,8 @@ fn a_restart_goes_on_at_the_edge_of_the_interrupted_segment() {
 fn a_state_that_does_not_fit_is_refused() {
     let mut player = player(TEXT);
     play(&mut player, 0, 700 * MS);
-    let state = player.state(1, CLIENT);
-    let mut fresh = Player::new(Settings::default());
+    let state = state(&player, 1, CLIENT);
+    let mut fresh = Player::default();
     let other = TEXT.replace("amplitude_deg = 30", "amplitude_deg = 20");
     assert!(matches!(
         fresh.resume(&state, program(&other)),

@@ -3,7 +3,7 @@
 
 use std::sync::Arc;
 
-use experiment::player::{Change, Permission, Player, Program, Reason, Settings};
+use experiment::player::{CLIENT_LEASE_NS, Change, Permission, Player, Program, Reason};
 use experiment::state::PlayerState;
 use ipc_types::{AXES, Mode, Setpoint};
 use rig::RigFile;
@@ -15,6 +15,12 @@ const EPOCH: u64 = 7;
 const ENABLED: Permission = Permission::Enabled(EPOCH);
 const TEXT: &str = "[protocol]\nname = \"sine\"\n[[segments]]\nkind = \"guided_sine\"\n\
                     amplitude_deg = 30\nfrequency_hz = 1\nduration_s = 60\nfade_in_s = 1\n";
+
+/// The state with which another process would resume.
+fn state(player: &Player, session: u64, client: u64) -> PlayerState {
+    let (segment, running) = (player.status().segment, !player.is_ending());
+    player.program().unwrap().state(session, segment, running, player.epoch(), client)
+}
 
 fn program(text: &str) -> Arc<Program> {
     let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../launch/rigs/hydrostatic.toml");
@@ -31,13 +37,13 @@ struct Bench {
 
 impl Bench {
     fn started() -> Self {
-        let mut player = Player::new(Settings::default());
+        let mut player = Player::default();
         player.start(program(TEXT), EPOCH);
         Self { player, now_ns: 1_000 * MS, measured: [0.0; AXES] }
     }
 
     fn resumed(state: &PlayerState) -> Self {
-        let mut player = Player::new(Settings::default());
+        let mut player = Player::default();
         player.resume(state, program(&state.text)).unwrap();
         Self { player, now_ns: 90_000 * MS, measured: [0.2, 0.0, 0.0] }
     }
@@ -111,7 +117,7 @@ fn sr_26_a_client_that_is_gone_ends_the_protocol_in_good_order() {
     let mut bench = Bench::started();
     bench.run(ENABLED, 3_300);
     let last_word_ns = bench.now_ns;
-    let lease_ns = Settings::default().client_lease_ns;
+    let lease_ns = CLIENT_LEASE_NS;
     let mut setpoints = Vec::new();
     let mut changes = Vec::new();
     while bench.now_ns < last_word_ns + lease_ns + 1_500 * MS {
@@ -137,7 +143,7 @@ fn a_client_that_renews_within_the_lease_keeps_its_protocol() {
     let mut bench = Bench::started();
     let mut renewed_ns = bench.now_ns;
     for _ in 0..10_000 {
-        if bench.now_ns - renewed_ns >= Settings::default().client_lease_ns {
+        if bench.now_ns - renewed_ns >= CLIENT_LEASE_NS {
             renewed_ns = bench.now_ns;
         }
         let (_, change) = bench.cycle(ENABLED, renewed_ns);
@@ -148,7 +154,7 @@ fn a_client_that_renews_within_the_lease_keeps_its_protocol() {
 fn kept() -> PlayerState {
     let mut bench = Bench::started();
     bench.run(ENABLED, 2_000);
-    bench.player.state(1, 5)
+    state(&bench.player, 1, 5)
 }
 
 #[test]
@@ -172,7 +178,7 @@ fn sr_26_after_a_restart_a_trip_meanwhile_ends_it() {
         let (setpoint, change) = bench.cycle(lost, bench.now_ns);
         assert_eq!(change, Some(Change::Aborted(0, Reason::PermissionLost)));
         assert_eq!(mode(setpoint), Mode::Passive);
-        assert!(!bench.player.state(1, 5).running);
+        assert!(!state(&bench.player, 1, 5).running);
     }
 }
 
@@ -182,7 +188,7 @@ fn sr_26_after_a_restart_silence_of_client_or_watchdog_ends_it() {
         [(ENABLED, Reason::ClientGone), (Permission::Unknown, Reason::PermissionLost)]
     {
         let mut bench = Bench::resumed(&kept());
-        let cycles = Settings::default().client_lease_ns / PERIOD;
+        let cycles = CLIENT_LEASE_NS / PERIOD;
         for _ in 0..=cycles {
             assert_eq!(bench.cycle(permission, 0), (None, None));
         }

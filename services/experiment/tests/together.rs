@@ -3,7 +3,7 @@
 
 use std::sync::Arc;
 
-use experiment::player::{Player, Program, Settings};
+use experiment::player::{Player, Program};
 use ipc_types::{AXES, Setpoint};
 use rig::RigFile;
 use rig::protocol::Protocol;
@@ -15,7 +15,7 @@ const RIG: &str = include_str!("../../../launch/rigs/three-axis.toml");
 fn play(text: &str) -> Vec<Setpoint> {
     let rig = RigFile::parse(RIG, "rig.toml").unwrap();
     let protocol = Protocol::parse(text, "test.toml").unwrap_or_else(|error| panic!("{error}"));
-    let mut player = Player::new(Settings::default());
+    let mut player = Player::default();
     player.start(
         Arc::new(Program::new(&protocol, &rig).unwrap_or_else(|error| panic!("{error}"))),
         1,

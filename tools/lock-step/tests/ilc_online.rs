@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use experiment::ilc_trial::{IlcResult, Returned};
 use experiment::ilc_update::{IlcState, IlcUpdater};
-use experiment::player::{IlcJob, Player, Program, Settings};
+use experiment::player::{IlcJob, Player, Program};
 use ipc_types::{AXES, Event, EventKind, Mode};
 use learning::LearningLaw;
 use learning::store::LearntReference;
@@ -49,7 +49,7 @@ struct Live {
 
 impl Live {
     fn new(rig: &RigFile, program: &Arc<Program>) -> Self {
-        let mut player = Player::new(Settings::default());
+        let mut player = Player::default();
         player.start(Arc::clone(program), 1);
         Self {
             system: LockStepRig::new(rig, &[]).unwrap(),

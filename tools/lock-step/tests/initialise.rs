@@ -4,7 +4,7 @@
 
 use std::sync::Arc;
 
-use experiment::player::{Change, Notice, Player, Program, Reason, Settings};
+use experiment::player::{Change, Notice, Player, Program, Reason};
 use experiment::range_finder::Range;
 use ipc_types::{AXES, Mode};
 use lock_step::{CycleResult, LockStepRig};
@@ -44,7 +44,7 @@ struct Outcome {
 
 fn play(rig: &RigFile, text: &str, seconds: f64) -> Outcome {
     let protocol = Protocol::parse(text, "test.toml").unwrap_or_else(|error| panic!("{error}"));
-    let mut player = Player::new(Settings::default());
+    let mut player = Player::default();
     player
         .start(Arc::new(Program::new(&protocol, rig).unwrap_or_else(|error| panic!("{error}"))), 1);
     let mut system = LockStepRig::new(rig, &[]).unwrap();

@@ -18,7 +18,7 @@ use std::sync::Arc;
 
 use acquisition::Converter;
 use control::law::{Law, LawConfig};
-use experiment::player::{Player, Program, Settings};
+use experiment::player::{Player, Program};
 use ipc_types::{
     AXES, EnableToken, GateState, MotorCommand, Profile, Sample, Setpoint, Verb, WatchdogState,
 };
@@ -92,7 +92,7 @@ impl Rig {
             machine: Interlock::new(Config::for_profile(
                 PROFILE, SESSION, WATCHDOG, &rig.axes, false,
             )),
-            player: Player::new(Settings::default()),
+            player: Player::default(),
             program: Arc::new(Program::new(&protocol, rig).unwrap()),
             present: Present { master: bits, slave: bits, motor: bits, analog: rig.channel_bits() },
             scans: Vec::new(),

@@ -8,6 +8,7 @@ use rig::{ProtocolError, RigFile};
 
 use crate::ilc_update::Plan;
 use crate::prepared_movement::PreparedMovement;
+use crate::state::PlayerState;
 
 /// A protocol made ready for one machine.
 #[derive(Debug)]
@@ -108,6 +109,20 @@ impl Program {
     /// Identity of its text.
     pub fn identity(&self) -> u64 {
         self.identity
+    }
+
+    /// The state in `session` of the rig that a restarted process needs to resume in `segment`;
+    /// see [`PlayerState`].
+    pub fn state(
+        &self,
+        session: u64,
+        segment: u32,
+        running: bool,
+        epoch: u64,
+        client: u64,
+    ) -> PlayerState {
+        let (name, text, protocol) = (self.name.clone(), self.text.clone(), self.identity);
+        PlayerState { session, name, text, protocol, segment, running, epoch, client }
     }
 
     /// Number of segments, repeats counted.

@@ -4,7 +4,7 @@ use ipc_types::{AXES, Mode, Process, Setpoint};
 use rig::protocol::Movement;
 use rig::protocol::trajectory::{Point, stopping};
 
-use super::{Phase, Player, Program, is_given_away, seconds};
+use super::{LEASE_NS, Phase, Player, Program, STOP_FADE_NS, is_given_away, seconds};
 use crate::field_setpoint::put;
 
 impl Player {
@@ -68,8 +68,7 @@ impl Player {
             }
             Phase::Stopping { segment, begun_ns, stopped_ns } => {
                 let moving = self.points(program, segment, seconds(begun_ns, now_ns));
-                let (since, fade) =
-                    (seconds(stopped_ns, now_ns), seconds(0, self.settings.stop_fade_ns));
+                let (since, fade) = (seconds(stopped_ns, now_ns), seconds(0, STOP_FADE_NS));
                 let mut points = moving;
                 for (point, hold) in points.iter_mut().zip(self.hold) {
                     *point = stopping(*point, hold, since, fade);
@@ -82,7 +81,7 @@ impl Player {
         self.segment = segment as u32;
         let mut setpoint = Setpoint {
             at_ns: now_ns,
-            lease_until_ns: now_ns + self.settings.lease_ns,
+            lease_until_ns: now_ns + LEASE_NS,
             protocol: program.identity,
             position: points.map(|point| point.position),
             velocity: points.map(|point| point.velocity),

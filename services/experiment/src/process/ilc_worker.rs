@@ -186,26 +186,16 @@ impl WorkerState {
             Err(error) => Err(error.to_string()),
         };
         let found = found.and_then(|kept| {
-            let same =
-                (kept.session, kept.protocol, kept.segment) == (self.session, protocol, segment);
-            if same {
-                Ok(kept)
-            } else {
-                Err("the saved state belongs to another learning run".to_owned())
-            }
+            let run = (kept.session, kept.protocol, kept.segment);
+            let other = || "the saved state belongs to another learning run".to_owned();
+            (run == (self.session, protocol, segment)).then_some(kept).ok_or_else(other)
         });
-        match found {
-            Ok(kept) => {
-                let text = format!("learning goes on after block {}", kept.done);
-                self.report(EventKind::ProtocolResumed, Severity::Info, segment, &text);
-                Some(kept)
-            }
-            Err(reason) => {
-                let text = format!("learning begins anew: {reason}");
-                self.report(EventKind::ProtocolResumed, Severity::Warning, segment, &text);
-                None
-            }
-        }
+        let (severity, text) = match &found {
+            Ok(kept) => (Severity::Info, format!("learning goes on after block {}", kept.done)),
+            Err(reason) => (Severity::Warning, format!("learning begins anew: {reason}")),
+        };
+        self.report(EventKind::ProtocolResumed, severity, segment, &text);
+        found.ok()
     }
 
     fn update(&mut self, record: Box<TrialRecord>) {
@@ -276,20 +266,11 @@ impl WorkerState {
             .and_then(|()| {
                 best.and_then(|best| best.save(&path)).map_err(|error| error.to_string())
             });
-        match done {
-            Ok(()) => {
-                self.report(
-                    EventKind::LearningEnded,
-                    Severity::Info,
-                    segment,
-                    &format!("reference kept as \"{name}\""),
-                );
-            }
-            Err(reason) => {
-                let text = format!("reference \"{name}\" not kept: {reason}");
-                self.report(EventKind::LearningEnded, Severity::Error, segment, &text);
-            }
-        }
+        let (severity, text) = match done {
+            Ok(()) => (Severity::Info, format!("reference kept as \"{name}\"")),
+            Err(reason) => (Severity::Error, format!("reference \"{name}\" not kept: {reason}")),
+        };
+        self.report(EventKind::LearningEnded, severity, segment, &text);
     }
 
     fn report(&mut self, kind: EventKind, severity: Severity, segment: u32, text: &str) {

@@ -33,7 +33,6 @@ const LONGEST_ERROR: usize = 32_768;
 pub(super) struct Current {
     pub(super) order: u32,
     pub(super) client: u64,
-    pub(super) text: String,
     pub(super) program: Arc<Program>,
 }
 
@@ -141,8 +140,7 @@ impl RequestHandler {
         let order = self.next_order();
         self.retired.retain(|program| Arc::strong_count(program) > 1);
         self.retired.push(Arc::clone(&program));
-        self.current =
-            Some(Current { order, client, text: text.to_owned(), program: Arc::clone(&program) });
+        self.current = Some(Current { order, client, program: Arc::clone(&program) });
         (self.permission_lost, self.trouble) = (false, String::new());
         let before_ns = now_ns().saturating_add(TAKE_LIMIT.as_nanos() as u64);
         self.order(order, Order::Play { number: order, program, deadline_ns: before_ns })
@@ -230,16 +228,7 @@ impl RequestHandler {
             Change::Stopped(segment) | Change::Aborted(segment, _) => (segment, false),
             Change::Done => (current.program.segments().saturating_sub(1) as u32, false),
         };
-        let state = PlayerState {
-            session: self.session,
-            name: current.program.name().to_owned(),
-            text: current.text.clone(),
-            protocol: current.program.identity(),
-            segment,
-            running,
-            epoch,
-            client: current.client,
-        };
+        let state = current.program.state(self.session, segment, running, epoch, current.client);
         self.permission_lost = matches!(change, Change::Aborted(_, Reason::PermissionLost));
         self.trouble = match save(&self.file, &state) {
             Ok(()) => match change {
