@@ -5,40 +5,51 @@ use iceoryx2_bb_elementary_traits::zero_copy_send::ZeroCopySend;
 /// Encapsulation header of a little-endian plain CDR message.
 pub const CDR_HEADER: [u8; 4] = [0x00, 0x01, 0x00, 0x00];
 
-/// The primitive types that a message may hold.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[allow(missing_docs)]
-pub enum Primitive {
-    U8,
-    U16,
-    U32,
-    U64,
-    I64,
-    F64,
+/// Defines the primitive types that a message may hold, with their names in Rust and in `ros2msg`.
+macro_rules! primitives {
+    ($($name:ident $type:ty, $ros:literal;)+) => {
+        /// The primitive types that a message may hold.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+        #[allow(missing_docs)]
+        pub enum Primitive { $($name,)+ }
+
+        impl Primitive {
+            /// Size, and alignment, in bytes.
+            pub const fn size(self) -> usize {
+                match self { $(Self::$name => size_of::<$type>(),)+ }
+            }
+
+            /// The name in a `ros2msg` schema.
+            pub const fn ros(self) -> &'static str {
+                match self { $(Self::$name => $ros,)+ }
+            }
+        }
+
+        $(impl Element for $type {
+            const PRIMITIVE: Primitive = Primitive::$name;
+            const ARRAY: Option<usize> = None;
+        }
+        impl<const N: usize> Element for [$type; N] {
+            const PRIMITIVE: Primitive = Primitive::$name;
+            const ARRAY: Option<usize> = Some(N);
+        })+
+    };
 }
 
-impl Primitive {
-    /// Size, and alignment, in bytes.
-    pub const fn size(self) -> usize {
-        match self {
-            Self::U8 => 1,
-            Self::U16 => 2,
-            Self::U32 => 4,
-            Self::U64 | Self::I64 | Self::F64 => 8,
-        }
-    }
+primitives! {
+    U8 u8, "uint8";
+    U16 u16, "uint16";
+    U32 u32, "uint32";
+    U64 u64, "uint64";
+    I64 i64, "int64";
+    F64 f64, "float64";
+}
 
-    /// The name in a `ros2msg` schema.
-    pub const fn ros(self) -> &'static str {
-        match self {
-            Self::U8 => "uint8",
-            Self::U16 => "uint16",
-            Self::U32 => "uint32",
-            Self::U64 => "uint64",
-            Self::I64 => "int64",
-            Self::F64 => "float64",
-        }
-    }
+/// Implemented for the element types of fields.
+#[doc(hidden)]
+pub(crate) trait Element {
+    const PRIMITIVE: Primitive;
+    const ARRAY: Option<usize>;
 }
 
 /// One element of a field, read out of a message's bytes.
@@ -154,26 +165,6 @@ impl Field {
         })
     }
 }
-
-/// Implemented for the element types of fields.
-#[doc(hidden)]
-pub(crate) trait Element {
-    const PRIMITIVE: Primitive;
-    const ARRAY: Option<usize>;
-}
-macro_rules! element {
-    ($($t:ty => $p:ident),*) => {$(
-        impl Element for $t {
-            const PRIMITIVE: Primitive = Primitive::$p;
-            const ARRAY: Option<usize> = None;
-        }
-        impl<const N: usize> Element for [$t; N] {
-            const PRIMITIVE: Primitive = Primitive::$p;
-            const ARRAY: Option<usize> = Some(N);
-        }
-    )*};
-}
-element!(u8 => U8, u16 => U16, u32 => U32, u64 => U64, i64 => I64, f64 => F64);
 
 /// A message of fixed layout.
 ///
