@@ -1,32 +1,19 @@
 //! Counts and volts to SI, by the rig file's channel map.
 
 use ipc_types::{AXES, Sample};
-use rig::RigFile;
+use rig::{Axis, RigFile};
 use runtime::daq::Scan;
 
-/// The channel map of one axis.
-#[derive(Clone, Copy, Debug)]
-struct AxisMap {
-    master: rig::Encoder,
-    slave: Option<rig::Encoder>,
-    torque: Option<rig::TorqueChannel>,
-}
-
 /// Converts scans of a rig. Allocates nothing.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct Converter {
-    axes: [Option<AxisMap>; AXES],
-    count: u8,
+    axes: Vec<Axis>,
 }
 
 impl Converter {
     /// The converter of a rig.
     pub fn new(rig: &RigFile) -> Self {
-        let mut axes = [None; AXES];
-        for (map, axis) in axes.iter_mut().zip(&rig.axes) {
-            *map = Some(AxisMap { master: axis.master, slave: axis.slave, torque: axis.torque });
-        }
-        Self { axes, count: rig.axes.len().min(AXES) as u8 }
+        Self { axes: rig.axes.iter().take(AXES).cloned().collect() }
     }
 
     /// What the scan says, in a sample; gate and identity are left to the caller. Where a record
@@ -42,13 +29,12 @@ impl Converter {
             motor_v: scan.motor_v,
             digital_in: scan.digital_in,
             analog_present: scan.present.analog,
-            axes: self.count,
+            axes: self.axes.len() as u8,
             motor_present: scan.present.motor,
             motor_power: u8::from(scan.motor_power),
             ..Sample::default()
         };
         for (index, map) in self.axes.iter().enumerate() {
-            let Some(map) = map else { continue };
             let bit = 1u8 << index;
             let physical = &scan.physical;
             if physical.master & bit != 0 {

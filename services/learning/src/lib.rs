@@ -399,55 +399,44 @@ impl Learner {
 
 impl LearnerConfig {
     fn check(&self) -> Result<(), LearningError> {
-        let positive = |name, found: f64| {
-            if found.is_finite() && found > 0.0 {
-                Ok(())
-            } else {
-                Err(LearningError::Setting { name, expected: "a positive number", found })
-            }
-        };
-        positive("rate_hz", self.rate_hz)?;
-        positive("speed_limit", self.speed_limit)?;
-        if self.cycles_per_block <= self.settling_cycles {
-            let found = self.cycles_per_block as f64;
-            let expected = "more than settling_cycles";
-            return Err(LearningError::Setting { name: "cycles_per_block", expected, found });
-        }
-        if !(self.stop.growth.is_finite() && self.stop.growth > 1.0) {
-            let found = self.stop.growth;
-            return Err(LearningError::Setting {
-                name: "stop.growth",
-                expected: "a number above 1",
-                found,
-            });
-        }
-        if self.stop.patience == 0 {
-            return Err(LearningError::Setting {
-                name: "stop.patience",
-                expected: "1 or more",
-                found: 0.0,
-            });
-        }
+        let positive =
+            |name, found: f64| (name, "a positive number", found, found.is_finite() && found > 0.0);
+        let not_negative =
+            |name, found: f64| (name, "0 or more", found, found.is_finite() && found >= 0.0);
+        let (cycles, growth) = (self.cycles_per_block, self.stop.growth);
+        let mut settings = vec![
+            positive("rate_hz", self.rate_hz),
+            positive("speed_limit", self.speed_limit),
+            (
+                "cycles_per_block",
+                "more than settling_cycles",
+                cycles as f64,
+                cycles > self.settling_cycles,
+            ),
+            ("stop.growth", "a number above 1", growth, growth.is_finite() && growth > 1.0),
+            ("stop.patience", "1 or more", 0.0, self.stop.patience > 0),
+        ];
         match &self.law {
-            LearningLaw::Published(law) => {
-                positive("cutoff_hz", law.cutoff_hz)?;
-                for (name, found) in
-                    [("gamma_p", law.gamma_p), ("gamma_d", law.gamma_d), ("delay_s", law.delay_s)]
-                {
-                    if !(found.is_finite() && found >= 0.0) {
-                        return Err(LearningError::Setting { name, expected: "0 or more", found });
-                    }
-                }
-            }
+            LearningLaw::Published(law) => settings.extend([
+                positive("cutoff_hz", law.cutoff_hz),
+                not_negative("gamma_p", law.gamma_p),
+                not_negative("gamma_d", law.gamma_d),
+                not_negative("delay_s", law.delay_s),
+            ]),
             LearningLaw::ModelBased(law) => {
-                positive("gain", law.gain)?;
-                positive("regularisation", law.regularisation)?;
-                if law.response.known() == 0 {
-                    let expected = "a response identified at one harmonic or more";
-                    return Err(LearningError::Setting { name: "response", expected, found: 0.0 });
-                }
+                let identified = "a response identified at one harmonic or more";
+                settings.extend([
+                    positive("gain", law.gain),
+                    positive("regularisation", law.regularisation),
+                    ("response", identified, 0.0, law.response.known() > 0),
+                ]);
             }
         }
-        Ok(())
+        match settings.into_iter().find(|(.., valid)| !valid) {
+            Some((name, expected, found, _)) => {
+                Err(LearningError::Setting { name, expected, found })
+            }
+            None => Ok(()),
+        }
     }
 }

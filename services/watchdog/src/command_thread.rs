@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use crossbeam_queue::ArrayQueue;
 use ipc_types::{Verb, VerbAnswer, WATCHDOG_COMMANDS, WatchdogState};
-use runtime::{Domain, DomainError, RequestError, RigName, Server};
+use runtime::{Domain, RigName, Server, ServiceError};
 use rustix::event::{PollFd, PollFlags, poll};
 use rustix::fd::OwnedFd;
 use rustix::process::{Pid, PidfdFlags, pidfd_open};
@@ -151,16 +151,7 @@ pub(crate) fn start(
     })
 }
 
-#[derive(Debug, thiserror::Error)]
-#[allow(missing_docs)]
-enum CommandThreadError {
-    #[error(transparent)]
-    Domain(#[from] DomainError),
-    #[error(transparent)]
-    Request(#[from] RequestError),
-}
-
-fn serve(name: &RigName, shared: &Shared, stop: &AtomicBool) -> Result<(), CommandThreadError> {
+fn serve(name: &RigName, shared: &Shared, stop: &AtomicBool) -> Result<(), ServiceError> {
     let domain = Domain::open(name)?;
     runtime::realtime::request_helper(domain.fifo());
     let node = domain.node("watchdog-verbs")?;

@@ -21,22 +21,6 @@ pub struct AxisLaw {
 }
 
 impl AxisLaw {
-    /// Gains in encoder counts, as § 4.1 prints them: P (V/count), D (V·s/count).
-    #[must_use]
-    pub fn with_count_gains(
-        self,
-        p_v_per_count: f64,
-        d_v_s_per_count: f64,
-        counts_per_unit: f64,
-    ) -> Self {
-        let control = AxisControl {
-            position_gain: p_v_per_count * counts_per_unit,
-            velocity_gain: d_v_s_per_count * counts_per_unit,
-            ..self.control
-        };
-        Self { control, ..self }
-    }
-
     /// Highest speed at which the reference catches up with a far target, on top of the target's
     /// own (rad/s or m/s).
     pub(super) fn catch_up_speed(&self) -> f64 {

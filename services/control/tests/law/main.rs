@@ -13,9 +13,12 @@ use rig::{AxisControl, Feedforward, ForceControl, Limits};
 const SECOND: u64 = 1_000_000_000;
 const COUNTS: f64 = 4000.0 / std::f64::consts::TAU;
 
-/// The thesis's gains; 4,000 counts per turn.
+/// The thesis's gains, which § 4.1 prints in encoder counts (V/count, V·s/count); 4,000 counts per
+/// turn.
 fn axis_law() -> AxisLaw {
     let control = AxisControl {
+        position_gain: 4.5e-3 * COUNTS,
+        velocity_gain: 7e-4 * COUNTS,
         velocity_filter_hz: 30.0,
         output_limit_v: 5.0,
         feedforward: Feedforward { friction_peak_v: 1.5, friction_floor_v: 0.6, inertia_v: 0.011 },
@@ -25,7 +28,7 @@ fn axis_law() -> AxisLaw {
     };
     let limits =
         Limits { position_min: -2.0, position_max: 2.0, speed_max: 10.0, ..Limits::default() };
-    AxisLaw { control, limits, model: None }.with_count_gains(4.5e-3, 7e-4, COUNTS)
+    AxisLaw { control, limits, model: None }
 }
 
 /// Eq. 4.2.1 to 4.2.3, with a torque cell of 0.5 V/(N·m).
