@@ -17,15 +17,10 @@ const LONGEST_RECORD: u64 = 64 << 20;
 /// Longest run of messages outside chunks that is read at once (bytes).
 const LOOSE_BLOCK: u64 = 1 << 20;
 
-#[derive(Default)]
+/// The recording as far as it was read, and its summary.
 struct Found {
-    library: String,
-    blocks: Vec<Block>,
+    recording: Recording,
     summary: Summary,
-    metadata: Vec<(String, BTreeMap<String, String>)>,
-    attachments: u64,
-    damage: Vec<Damage>,
-    data_end: Option<DataEnd>,
 }
 
 pub(super) fn open(path: &Path) -> Result<Recording, ReadError> {
@@ -49,36 +44,39 @@ pub(super) fn open(path: &Path) -> Result<Recording, ReadError> {
         let found = magic.iter().map(|byte| format!("{byte:02x}")).collect::<Vec<_>>().join(" ");
         return Err(ReadError::NotMcap { path: path.to_owned(), found });
     }
-    let mut found = Found::default();
+    let recording = Recording {
+        path: path.to_owned(),
+        file,
+        bytes,
+        library: String::new(),
+        blocks: Vec::new(),
+        channels: BTreeMap::new(),
+        metadata: Vec::new(),
+        attachments: 0,
+        damage: Vec::new(),
+        data_end: None,
+        tail: Tail::default(),
+    };
+    let mut found = Found { recording, summary: Summary::default() };
     let mut tail = walk(&mut reader, bytes, &mut found).map_err(wrong)?;
+    let Found { mut recording, mut summary } = found;
     if !tail.complete {
         // The writer holds a lock while it is alive (unless the file system has none).
-        tail.being_written = matches!(file.try_lock_shared(), Err(TryLockError::WouldBlock));
+        let lock = recording.file.try_lock_shared();
+        tail.being_written = matches!(lock, Err(TryLockError::WouldBlock));
         if tail.being_written {
             "the recording is still being written".clone_into(&mut tail.reason);
         }
         // Without a footer nothing confirms what was read of the summary.
-        found.summary = Summary::default();
-        if let Some(last) = found.blocks.last_mut() {
+        summary = Summary::default();
+        if let Some(last) = recording.blocks.last_mut() {
             // The file may end within the message indexes of its last chunk.
             last.hinted = None;
         }
     }
-    found.damage.extend(found.summary.place(&mut found.blocks));
-    let mut recording = Recording {
-        path: path.to_owned(),
-        file,
-        bytes,
-        library: found.library,
-        blocks: found.blocks,
-        channels: BTreeMap::new(),
-        metadata: found.metadata,
-        attachments: found.attachments,
-        damage: found.damage,
-        data_end: found.data_end,
-        tail,
-    };
-    define(&mut recording, found.summary.definitions)?;
+    recording.damage.extend(summary.place(&mut recording.blocks));
+    recording.tail = tail;
+    define(&mut recording, summary.definitions)?;
     Ok(recording)
 }
 
@@ -94,7 +92,7 @@ fn walk(reader: &mut BufReader<File>, bytes: u64, found: &mut Found) -> io::Resu
         let next = at + RECORD_HEAD + length;
         match opcode {
             op::CHUNK => {
-                found.blocks.push(Block::chunk(at, RECORD_HEAD + length));
+                found.recording.blocks.push(Block::chunk(at, RECORD_HEAD + length));
                 skip(reader, length)?;
             }
             op::MESSAGE_INDEX => {
@@ -102,16 +100,16 @@ fn walk(reader: &mut BufReader<File>, bytes: u64, found: &mut Found) -> io::Resu
                 let used = length.min(2) as usize;
                 reader.read_exact(&mut id[..used])?;
                 skip(reader, length - used as u64)?;
-                if let Some(block) = found.blocks.last_mut().filter(|block| block.chunk) {
+                if let Some(block) = found.recording.blocks.last_mut().filter(|block| block.chunk) {
                     block.hinted.get_or_insert_default().push(u16::from_le_bytes(id));
                 }
             }
             op::MESSAGE | op::SCHEMA | op::CHANNEL if !data_ended => {
-                match found.blocks.last_mut() {
+                match found.recording.blocks.last_mut() {
                     Some(b) if !b.chunk && b.offset + b.length == at && b.length < LOOSE_BLOCK => {
                         b.length = next - b.offset
                     }
-                    _ => found.blocks.push(Block::loose(at, next - at)),
+                    _ => found.recording.blocks.push(Block::loose(at, next - at)),
                 }
                 skip(reader, length)?;
             }
@@ -130,7 +128,7 @@ fn walk(reader: &mut BufReader<File>, bytes: u64, found: &mut Found) -> io::Resu
             }
             op::FOOTER => return footer(reader, (at, length), bytes, found),
             _ => {
-                found.attachments += u64::from(opcode == op::ATTACHMENT);
+                found.recording.attachments += u64::from(opcode == op::ATTACHMENT);
                 skip(reader, length)?;
             }
         }
@@ -185,12 +183,12 @@ fn footer(
     reader.read_exact(&mut body[..used as usize])?;
     skip(reader, length - used)?;
     if let Err(what) = summary::verify(reader.get_ref(), at, &body)? {
-        found.damage.push(Damage { offset: at, what });
+        found.recording.damage.push(Damage { offset: at, what });
         found.summary = Summary::default();
     }
-    if found.data_end.is_none() {
+    if found.recording.data_end.is_none() {
         let what = "a footer without an end of the data before it".to_owned();
-        found.damage.push(Damage { offset: at, what });
+        found.recording.damage.push(Damage { offset: at, what });
     }
     let mut magic = Vec::new();
     reader.take(mcap::MAGIC.len() as u64 + 1).read_to_end(&mut magic)?;
@@ -211,16 +209,18 @@ fn skip(reader: &mut BufReader<File>, length: u64) -> io::Result<()> {
 impl Found {
     fn small(&mut self, at: u64, opcode: u8, body: &[u8]) {
         match mcap::parse_record(opcode, body) {
-            Ok(Record::Header(header)) => self.library = header.library,
+            Ok(Record::Header(header)) => self.recording.library = header.library,
             Ok(Record::Metadata(metadata)) => {
-                self.metadata.push((metadata.name, metadata.metadata))
+                self.recording.metadata.push((metadata.name, metadata.metadata))
             }
             Ok(Record::DataEnd(end)) => {
-                self.data_end = Some(DataEnd { offset: at, checksum: end.data_section_crc })
+                self.recording.data_end =
+                    Some(DataEnd { offset: at, checksum: end.data_section_crc })
             }
             Ok(Record::ChunkIndex(index)) => self.summary.chunks.push(index),
             Ok(record) => self.summary.definitions.extend(Definition::of(record)),
             Err(error) => self
+                .recording
                 .damage
                 .push(Damage { offset: at, what: format!("record {opcode:#04x}: {error}") }),
         }
