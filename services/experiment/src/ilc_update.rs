@@ -456,7 +456,7 @@ impl IlcUpdater {
         let best = self.learner.as_ref().and_then(Learner::best_error);
         let mut event = self.event(EventKind::BlockLearnt, severity, &text);
         event.a = f64::from(record.block);
-        event.b = report.settled.map_or(f64::NAN, |error| error.mean_abs);
+        event.b = report.settled.unwrap_or(f64::NAN);
         event.c = best.unwrap_or(f64::NAN);
         event
     }

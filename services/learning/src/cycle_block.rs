@@ -1,39 +1,19 @@
 //! Measurements of one block of cycles.
 
-/// Error of the slave's position in a block.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct BlockError {
-    /// Mean absolute error (rad or m), as in fig. 4.6B.
-    pub mean_abs: f64,
-    /// Root mean square (rad or m).
-    pub rms: f64,
-    /// Largest magnitude (rad or m).
-    pub largest: f64,
-}
-
 #[derive(Clone, Copy, Debug, Default)]
 struct Sums {
     count: usize,
     magnitude: f64,
-    square: f64,
-    largest: f64,
 }
 
 impl Sums {
     fn add(&mut self, error: f64) {
         self.count += 1;
         self.magnitude += error.abs();
-        self.square += error * error;
-        self.largest = self.largest.max(error.abs());
     }
 
-    fn error(&self) -> Option<BlockError> {
-        let count = self.count as f64;
-        (self.count > 0).then(|| BlockError {
-            mean_abs: self.magnitude / count,
-            rms: (self.square / count).sqrt(),
-            largest: self.largest,
-        })
+    fn mean(&self) -> Option<f64> {
+        (self.count > 0).then(|| self.magnitude / self.count as f64)
     }
 }
 
@@ -76,9 +56,9 @@ impl Block {
         }
     }
 
-    /// Error over the whole block, and over its settled cycles.
-    pub(crate) fn errors(&self) -> Option<(BlockError, BlockError)> {
-        Some((self.whole.error()?, self.settled.error()?))
+    /// Mean absolute error over the whole block, and over its settled cycles (rad or m).
+    pub(crate) fn errors(&self) -> Option<(f64, f64)> {
+        Some((self.whole.mean()?, self.settled.mean()?))
     }
 
     /// Number of values that were not finite.

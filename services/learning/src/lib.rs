@@ -32,7 +32,6 @@ pub mod spectral;
 mod state;
 pub mod store;
 
-pub use cycle_block::BlockError;
 pub use model_based::{ModelBased, Response};
 pub use published_law::Published;
 pub use realfft::num_complex::Complex;
@@ -145,10 +144,11 @@ pub enum BlockOutcome {
 pub struct BlockReport {
     /// Its number, from 1.
     pub block: usize,
-    /// Error over the whole block; `None` without a measurement.
-    pub error: Option<BlockError>,
-    /// Error over its settled cycles.
-    pub settled: Option<BlockError>,
+    /// Mean absolute error of the slave's position over the whole block (rad or m), as in fig. 4.6B;
+    /// `None` without a measurement.
+    pub error: Option<f64>,
+    /// The same over its settled cycles.
+    pub settled: Option<f64>,
     /// Measured values that were not finite.
     pub not_finite: usize,
     /// What was done with the reference.
@@ -314,7 +314,7 @@ impl Learner {
         }
     }
 
-    fn update(&mut self, settled: Option<BlockError>) -> BlockOutcome {
+    fn update(&mut self, settled: Option<f64>) -> BlockOutcome {
         if let Some(frozen) = self.state.frozen {
             return BlockOutcome::Frozen(frozen);
         }
@@ -324,13 +324,13 @@ impl Learner {
             return BlockOutcome::Missing(missing);
         };
         let best = self.best_error().unwrap_or(f64::INFINITY);
-        if settled.mean_abs < best {
-            self.state.best = Some((settled.mean_abs, self.state.reference.clone()));
+        if settled < best {
+            self.state.best = Some((settled, self.state.reference.clone()));
         }
-        let worse = settled.mean_abs > self.config.stop.growth * best;
+        let worse = settled > self.config.stop.growth * best;
         self.state.worse = if worse { self.state.worse + 1 } else { 0 };
         if self.state.worse >= self.config.stop.patience {
-            return self.end(Frozen::Grew { best, found: settled.mean_abs });
+            return self.end(Frozen::Grew { best, found: settled });
         }
         let mut error = vec![0.0; self.desired.len()];
         self.block.path(&mut error);

@@ -61,7 +61,7 @@ fn block(learner: &mut Learner, plant: impl Fn(&[f64], usize) -> f64) -> (BlockO
         learner.record(step, plant(&reference, step % STEPS));
     }
     let report = learner.finish_block();
-    (report.outcome, report.settled.unwrap().mean_abs)
+    (report.outcome, report.settled.unwrap())
 }
 
 /// A gain behind a delay, both linear.

@@ -19,7 +19,7 @@ use crate::domain::{Domain, DomainError, RigName};
 use crate::grid::{Grid, Wake};
 use crate::identity::{Identity, random_u64};
 use crate::ports::{PortError, Publisher, Subscriber};
-use crate::realtime::{self, Grants, Timeouts};
+use crate::realtime::{self, Grants};
 use crate::request::RequestError;
 use crate::timing::{LoopMeter, Losses};
 
@@ -114,11 +114,6 @@ impl Service {
     /// The domain.
     pub fn domain(&self) -> &Domain {
         &self.domain
-    }
-
-    /// The timeouts of the rig's profile.
-    pub fn timeouts(&self) -> Timeouts {
-        Timeouts::of(self.domain.profile())
     }
 
     /// The node of the main thread.

@@ -2,7 +2,7 @@
 
 use ipc_types::{CARD_OUTPUT, CARD_SCAN, ENABLE_LINE, EventKind, Process, Severity};
 use rig::RigFile;
-use runtime::{Grid, Losses, PortError, Service, ServiceError};
+use runtime::{Grid, Losses, PortError, Service, ServiceError, Timeouts};
 use thiserror::Error;
 
 use crate::card::{Card, CardError};
@@ -29,7 +29,8 @@ pub enum SimulatorError {
 /// [`SimulatorError`].
 pub fn run(rig_name: &str, rig: &RigFile, effects: &[String]) -> Result<(), SimulatorError> {
     let mut service = Service::start(Process::Simulator, rig_name)?;
-    let mut card = Card::new(rig, effects, service.timeouts().enable_line_ns)?;
+    let mut card =
+        Card::new(rig, effects, Timeouts::of(service.domain().profile()).enable_line_ns)?;
     let mut scans = service.publisher(CARD_SCAN)?;
     let mut outputs = service.subscriber(CARD_OUTPUT)?;
     let mut lines = service.subscriber(ENABLE_LINE)?;

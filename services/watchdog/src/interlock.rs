@@ -420,6 +420,8 @@ impl Interlock {
 
     fn token(&self, now_ns: u64) -> EnableToken {
         let enabled = self.state == WatchdogState::Enabled;
+        let life_ns = if enabled { self.config.token_life_ns } else { 0 };
+        let (sample, command) = (self.samples.newest.as_ref(), self.commands.newest.as_ref());
         EnableToken {
             session: self.config.session,
             incarnation: self.config.incarnation,
@@ -427,23 +429,11 @@ impl Interlock {
             time_ns: now_ns,
             epoch: self.epoch,
             watchdog_incarnation: self.config.incarnation,
-            acquisition_incarnation: self
-                .samples
-                .newest
-                .as_ref()
-                .map_or(0, |sample| sample.incarnation),
-            control_incarnation: self
-                .commands
-                .newest
-                .as_ref()
-                .map_or(0, |command| command.incarnation),
+            acquisition_incarnation: sample.map_or(0, |sample| sample.incarnation),
+            control_incarnation: command.map_or(0, |command| command.incarnation),
             issued_ns: now_ns,
-            valid_until_ns: now_ns.saturating_add(if enabled {
-                self.config.token_life_ns
-            } else {
-                0
-            }),
-            sample_tick: self.samples.newest.as_ref().map_or(0, |sample| sample.tick),
+            valid_until_ns: now_ns.saturating_add(life_ns),
+            sample_tick: sample.map_or(0, |sample| sample.tick),
             faults: self.active.bits(),
             enabled: u8::from(enabled),
             state: self.state.code(),

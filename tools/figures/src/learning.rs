@@ -233,7 +233,7 @@ fn course(rig: &RigFile, task: &IlcTask, blocks: usize) -> Result<Course> {
     for block in 1..=blocks {
         let mut trace = kept.contains(&block).then(Trace::default);
         let report = simulation.block(trace.as_mut())?;
-        course.errors_deg.push(report.error.map_or(f64::NAN, |error| error.mean_abs.to_degrees()));
+        course.errors_deg.push(report.error.map_or(f64::NAN, f64::to_degrees));
         course.ended |= ended(&report);
         if let Some(trace) = trace {
             let cycle = trace.last(simulation.learner().steps_per_cycle());

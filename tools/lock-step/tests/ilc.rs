@@ -13,7 +13,7 @@ fn rig() -> RigFile {
 }
 
 fn degrees(report: &BlockReport) -> f64 {
-    report.error.unwrap().mean_abs.to_degrees()
+    report.error.unwrap().to_degrees()
 }
 
 /// Published: from about 11° to 1° in 83 blocks of 3 s.

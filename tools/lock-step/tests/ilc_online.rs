@@ -138,9 +138,7 @@ impl Live {
 
 fn offline(rig: &RigFile, law: LearningLaw, blocks: usize) -> Vec<f64> {
     let mut simulation = IlcSimulation::new(rig, &[], &IlcTask::of_the_thesis(law)).unwrap();
-    (0..blocks)
-        .map(|_| simulation.block(None).unwrap().settled.unwrap().mean_abs.to_degrees())
-        .collect()
+    (0..blocks).map(|_| simulation.block(None).unwrap().settled.unwrap().to_degrees()).collect()
 }
 
 /// The live task fades in where the simulation begins at once, and changes references smoothly

@@ -35,7 +35,6 @@ pub struct Keeper {
     name: RigName,
     session: u64,
     profile: Profile,
-    stall: Option<HostStall>,
     cold: bool,
     alive: LockFile,
     _keeper: LockFile,
@@ -116,7 +115,6 @@ impl Keeper {
             name: name.clone(),
             session: parse_session(directory, &file)?,
             profile: file.profile,
-            stall: file.stall,
             cold,
             alive,
             _keeper: keeper,
@@ -133,11 +131,6 @@ impl Keeper {
         Ok(kept)
     }
 
-    /// The rig's name.
-    pub fn name(&self) -> &RigName {
-        &self.name
-    }
-
     /// The session.
     pub fn session(&self) -> u64 {
         self.session
@@ -146,11 +139,6 @@ impl Keeper {
     /// The timing profile of the session.
     pub fn profile(&self) -> Profile {
         self.profile
-    }
-
-    /// What was measured at the cold start; see [`super::Domain::host_stall`].
-    pub fn host_stall(&self) -> Option<HostStall> {
-        self.stall
     }
 
     /// Whether nothing was alive, so that a new session began.

@@ -112,12 +112,7 @@ impl CommandMonitor {
             }
             _ => {}
         }
-        let volts_beyond = command
-            .volts
-            .iter()
-            .enumerate()
-            .any(|(axis, &volts)| beyond(volts, volts_max(axis, config)));
-        faults.insert_if(volts_beyond, TripCause::VoltageLimit);
+        faults.insert_if(volts_beyond(&command.volts, config), TripCause::VoltageLimit);
         self.newest = Some(*command);
         faults
     }
@@ -163,9 +158,10 @@ pub(super) fn lacks_realtime(
             || command.is_some_and(|command| command.profile != realtime))
 }
 
-/// Volts that an axis may get; none on axes that the rig lacks.
-fn volts_max(axis: usize, config: &Config) -> f64 {
-    config.axes.get(axis).map_or(0.0, |axis| axis.limits.volts_max)
+/// Whether an axis gets more volts than it may; on axes that the rig lacks, any.
+fn volts_beyond(volts: &[f64; AXES], config: &Config) -> bool {
+    let most = |axis: usize| config.axes.get(axis).map_or(0.0, |axis| axis.limits.volts_max);
+    volts.iter().enumerate().any(|(axis, &volts)| beyond(volts, most(axis)))
 }
 
 /// True also where the value or the limit is not a number.
@@ -213,12 +209,7 @@ fn measured(sample: &Sample, config: &Config) -> FaultSet {
             faults.insert_if(live && beyond(volts, limits.volts_max), TripCause::VoltageLimit);
         }
     }
-    let output_beyond = sample
-        .output_v
-        .iter()
-        .enumerate()
-        .any(|(axis, &volts)| beyond(volts, volts_max(axis, config)));
-    faults.insert_if(output_beyond, TripCause::VoltageLimit);
+    faults.insert_if(volts_beyond(&sample.output_v, config), TripCause::VoltageLimit);
     for (channel, volts) in sample.analog_v.iter().enumerate() {
         let present = sample.analog_present & (1 << channel) != 0;
         faults.insert_if(present && !volts.is_finite(), TripCause::SensorInvalid);
