@@ -84,11 +84,12 @@ impl std::fmt::Display for Value {
     }
 }
 
-/// One field of a message: where it lies, what it holds, what its doc comment says.
+/// One field of a message: where it lies, what it holds, what its doc comment says. A layout that
+/// was read from a recording owns its names ([`String`]) and has neither documentation nor codes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Field {
+pub struct Field<Name = &'static str> {
     /// Name, as in the struct.
-    pub name: &'static str,
+    pub name: Name,
     /// Type of one element.
     pub primitive: Primitive,
     /// Length if the field is an array, `None` for a scalar.
@@ -112,7 +113,7 @@ pub struct Code {
     pub text: &'static str,
 }
 
-impl Field {
+impl<Name: AsRef<str>> Field<Name> {
     /// Number of elements.
     pub const fn count(&self) -> usize {
         match self.array {
@@ -131,7 +132,7 @@ impl Field {
     /// The codes as `ros2msg` constants, one a line: `uint8 KIND_PROCESS_STARTED=0`.
     fn constants(&self) -> String {
         let ros = self.primitive.ros();
-        let prefix = self.name.to_uppercase();
+        let prefix = self.name.as_ref().to_uppercase();
         let mut lines = String::new();
         for code in self.codes {
             let mut name = String::new();
@@ -144,6 +145,11 @@ impl Field {
             lines.push_str(&format!("{ros} {prefix}{name}={}\n", code.value));
         }
         lines
+    }
+
+    /// All elements, as far as the bytes of a message hold them.
+    pub fn read_all<'a>(&'a self, bytes: &'a [u8]) -> impl Iterator<Item = Value> + 'a {
+        (0..self.count()).map_while(|index| self.read(bytes, index))
     }
 
     /// Element `index` out of the bytes of a message; `None` where the bytes are too short.

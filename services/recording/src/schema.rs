@@ -58,36 +58,8 @@ pub enum SchemaError {
     },
 }
 
-/// One field of a recorded message.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct LayoutField {
-    /// Name.
-    pub name: String,
-    /// Type of one element.
-    pub primitive: Primitive,
-    /// Length if it is an array.
-    pub array: Option<usize>,
-    /// Bytes from the start of the message (CDR header excluded).
-    pub offset: usize,
-}
-
-impl LayoutField {
-    /// Number of elements.
-    pub fn count(&self) -> usize {
-        self.array.unwrap_or(1)
-    }
-
-    /// Element `index` out of the bytes of a message; `None` where there is none.
-    pub fn read(&self, bytes: &[u8], index: usize) -> Option<Value> {
-        let Self { primitive, array, offset, .. } = *self;
-        Field { name: "", primitive, array, offset, doc: "", codes: &[] }.read(bytes, index)
-    }
-
-    /// All elements.
-    pub fn read_all<'a>(&'a self, bytes: &'a [u8]) -> impl Iterator<Item = Value> + 'a {
-        (0..self.count()).map_while(|index| self.read(bytes, index))
-    }
-}
+/// One field of a recorded message; offsets count from behind the CDR header.
+pub type LayoutField = Field<String>;
 
 /// The layout of one message type.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -139,7 +111,8 @@ impl Layout {
                 .and_then(|bytes| offset.checked_add(bytes))
                 .filter(|&end| end <= LARGEST)
                 .ok_or_else(unsupported)?;
-            fields.push(LayoutField { name: field.name, primitive, array, offset });
+            let name = field.name;
+            fields.push(Field { name, primitive, array, offset, doc: "", codes: &[] });
         }
         Ok(Self { name: name.to_owned(), fields, size })
     }
