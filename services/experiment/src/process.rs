@@ -16,6 +16,7 @@ use ipc_types::{
 };
 use rig::RigFile;
 use rig::protocol::Protocol;
+use rtrb::PushError;
 use runtime::clock::{MILLISECOND_NS, now_ns};
 use runtime::{
     Grid, Losses, PortError, Publisher, Service, ServiceError, Subscriber, Wake, Worker,
@@ -193,10 +194,10 @@ impl Runner {
             self.player.record(sample.scan_time_ns, &handles(Some(&sample)), powered);
             self.newest = Some(sample);
         }
-        while let Some(result) = self.ilc_worker.result() {
+        while let Ok(result) = self.ilc_worker.results.pop() {
             self.player.receive(result);
         }
-        while let Some(event) = self.link.events.pop().ok().or_else(|| self.ilc_worker.event()) {
+        while let Ok(event) = self.link.events.pop().or_else(|_| self.ilc_worker.events.pop()) {
             self.service.publish(event)?;
         }
         self.token = self.tokens.latest()?.or(self.token);
@@ -251,7 +252,7 @@ impl Runner {
             }
         }
         while let Some(job) = self.player.job() {
-            if let Some(job) = self.ilc_worker.send(job) {
+            if let Err(PushError::Full(job)) = self.ilc_worker.jobs.push(job) {
                 self.player.return_job(job);
                 break;
             }

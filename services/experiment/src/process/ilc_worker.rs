@@ -31,9 +31,10 @@ const RESULTS: usize = 16;
 /// The loop's end.
 #[derive(Debug)]
 pub(super) struct IlcWorker {
-    jobs: Producer<IlcJob>,
-    results: Consumer<IlcResult>,
-    events: Consumer<Event>,
+    pub(super) jobs: Producer<IlcJob>,
+    pub(super) results: Consumer<IlcResult>,
+    /// Events to publish.
+    pub(super) events: Consumer<Event>,
     worker: Worker,
 }
 
@@ -70,21 +71,6 @@ impl IlcWorker {
             state.work();
         })?;
         Ok(Self { jobs, results, events, worker })
-    }
-
-    /// Sends a job; returns it if the ring is full.
-    pub(super) fn send(&mut self, job: IlcJob) -> Option<IlcJob> {
-        self.jobs.push(job).err().map(|rtrb::PushError::Full(job)| job)
-    }
-
-    /// The next result.
-    pub(super) fn result(&mut self) -> Option<IlcResult> {
-        self.results.pop().ok()
-    }
-
-    /// The next event to publish.
-    pub(super) fn event(&mut self) -> Option<Event> {
-        self.events.pop().ok()
     }
 
     /// Whether the thread is gone, which it should not be.
