@@ -6,7 +6,7 @@ use crate::message::messages;
 use crate::{ANALOG, AXES, MATRIX, TABLES, TEXT};
 
 messages! {
-    /// One scan of the card, converted, with what the gate wrote: the rig's heartbeat.
+    /// One scan of the card, converted, with what the gate wrote: the rig's main signal.
     Sample v1 {
         /// tick of the acquisition grid at which the card took the scan (monotonic ns / period)
         tick: u64,
@@ -27,16 +27,16 @@ messages! {
         slave_torque: [f64; AXES],
         /// analog inputs as read (V)
         analog_v: [f64; ANALOG],
-        /// motor volts that were at the card's output when it took this scan (read back, or from
-        /// the replayed record) (V)
+        /// volts that reached the motor when the card took this scan (read back, or from the
+        /// replayed record): 0 while motor power is off (V)
         motor_v: [f64; AXES],
-        /// volts that the gate wrote in this cycle (V)
+        /// volts that the gate wrote in this cycle: 0 where the card refused the write (V)
         output_v: [f64; AXES],
         /// enable epoch that the gate last saw
         epoch: u64,
         /// sequence of the newest token that the gate saw (challenge and response)
         token_sequence: u64,
-        /// incarnation of the control whose command the gate last accepted
+        /// incarnation of the control that sent the newest command that the gate saw
         command_incarnation: u64,
         /// sequence of the newest command that the gate saw
         command_sequence: u64,
@@ -50,13 +50,13 @@ messages! {
         analog_present: u16,
         /// axes of the rig
         axes: u8,
-        /// master encoders present, one bit an axis
+        /// master encoders present, one bit per axis
         master_present: u8,
-        /// slave encoders present, one bit an axis
+        /// slave encoders present, one bit per axis
         slave_present: u8,
-        /// torque channels present, one bit an axis
+        /// torque channels present, one bit per axis
         torque_present: u8,
-        /// motor volts present, one bit an axis
+        /// motor volts present, one bit per axis
         motor_present: u8,
         /// GateState
         gate_state: u8 = GateState,
@@ -102,11 +102,11 @@ messages! {
         mode: u8 = Mode,
         /// axes of the rig
         axes: u8,
-        /// 1 while the output limit acts
+        /// 1 while the output limit acts, or a missing or non-finite value keeps the output at 0 V
         limited: u8,
         /// 1 while ramping from the measured position to the setpoint
         ramping: u8,
-        /// 1 if the setpoint's lease has lapsed
+        /// 1 if the setpoint's lease has expired, or the setpoint cannot be used (not finite)
         lapsed: u8,
         /// Profile that control was granted
         profile: u8 = Profile,
@@ -161,7 +161,7 @@ messages! {
         tick: u64,
         /// when the card took the scan [ns, CLOCK_MONOTONIC]
         scan_time_ns: u64,
-        /// highest tick that acquisition has taken out of the FIFO
+        /// highest tick that acquisition has taken out of the FIFO and published
         taken_tick: u64,
         /// encoder counts of the master
         master_counts: [i64; AXES],
@@ -282,7 +282,7 @@ messages! {
         text: [u8; TEXT],
     }
 
-    /// Sign of life of a slow process, 20 Hz.
+    /// Sign of life of logger and experiment, 20 Hz.
     Heartbeat v1 {
         /// messages lost on the way to this process since it started
         lost: u64,
@@ -353,7 +353,8 @@ messages! {
         dropped: u64,
         /// messages written to the present recording
         written: u64,
-        /// messages that the disk refused
+        /// messages that were not written: the file could not be opened or written, or the message
+        /// has the wrong length
         refused: u64,
         /// index of the topic in the table of topics
         topic: u32,

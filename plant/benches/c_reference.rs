@@ -1,9 +1,9 @@
-//! The transmission beside the same scheme in plain C, compiled with `cc -O3` and run in turn with
-//! it; and many parameter sets at once on all cores. Prints ns per internal step, the ratio with
-//! its spread, and records per second.
+//! The transmission against the same integration scheme in plain C, compiled with `cc -O3` and run
+//! in turn with it; and many parameter sets at once on all cores. Prints ns per internal step, the
+//! ratio Rust/C with its quartiles, and records per second.
 //!
-//! Both run the same record (30 s at 2 kHz) and must end in the same state, or the comparison is
-//! void.
+//! Both run the same record (30 s at 2 kHz) and must end with the same positions and energies, or
+//! the comparison is void.
 #![allow(missing_docs)]
 
 use std::hint::black_box;
@@ -102,7 +102,8 @@ fn beside_c(name: &str, parameters: &Parameters, program: &PathBuf) -> Result<()
         energy.input_j,
     ];
     for (ours, theirs) in ours.into_iter().zip(state) {
-        // The last bits may differ: sums in another order, stuck or moving a step apart.
+        // The last bits may differ: sums are taken in another order, or one
+        // program sticks a step earlier.
         if (ours - theirs).abs() > 1e-6 * (1.0 + theirs.abs()) {
             return Err(format!(
                 "{name}: the two programs computed different things: {ours} and {theirs}"
@@ -123,7 +124,7 @@ fn beside_c(name: &str, parameters: &Parameters, program: &PathBuf) -> Result<()
     let [low, ratio, high] = quartiles(ratios);
     let steps = STEPS as f64 * per_output;
     println!(
-        "{name:<22} {per_output:>3.0} steps each  Rust {:>6.1} ms ({:>5.1} ns a step)  \
+        "{name:<22} {per_output:>3.0} steps each  Rust {:>6.1} ms ({:>5.1} ns per step)  \
          C {:>6.1} ms ({:>5.1} ns)  ratio {ratio:.2} ({low:.2} to {high:.2})",
         ours * 1e-6,
         ours / steps,

@@ -77,16 +77,16 @@ fn run_loop(
             while let Some(command) = commands.take()? {
                 gate.observe_command(&command);
             }
-            let output = gate.step(now_ns(), None, None);
+            let mut output = gate.step(now_ns(), None, None);
             if daq.write(output.volts).is_err() {
-                gate.write_failed();
-                daq.write([0.0; AXES])?;
+                output = gate.write_failed();
+                daq.write(output.volts)?;
             }
             let missed = daq.scans_missed();
             let mut taken = None;
             for scan in daq.read_due(wake.woke_ns)? {
                 let mut sample = converter.convert(scan);
-                stamp(&mut sample, &output, gate.state().code());
+                stamp(&mut sample, &output);
                 sample.scans_missed = missed;
                 sample.cycles_missed = grid.missed();
                 sample.backend = backend;
@@ -122,12 +122,12 @@ fn run_loop(
 }
 
 /// Writes what the gate did into the sample.
-fn stamp(sample: &mut Sample, output: &GateOutput, state: u8) {
+fn stamp(sample: &mut Sample, output: &GateOutput) {
     sample.output_v = output.volts;
     sample.epoch = output.epoch;
     sample.token_sequence = output.token_sequence;
     sample.command_incarnation = output.command_incarnation;
     sample.command_sequence = output.command_sequence;
-    sample.gate_state = state;
+    sample.gate_state = output.state.code();
     sample.gate_cause = output.cause.code();
 }

@@ -199,7 +199,8 @@ impl Law {
             .clamp(0.0, LONGEST_STEP_S);
         self.last_step_ns = Some(now_ns);
         let age_s = now_ns.saturating_sub(sample.scan_time_ns) as f64 * 1e-9;
-        self.feedback_factor = self.latency.feedback_factor(age_s, elapsed_s);
+        self.feedback_factor =
+            self.latency.feedback_factor(age_s, elapsed_s, elapsed_s / AUTHORITY_S);
         let mut command = MotorCommand {
             sample_tick: sample.tick,
             sample_time_ns: sample.scan_time_ns,

@@ -274,8 +274,10 @@ impl Runner {
     }
 
     fn losses(&self) -> Losses {
-        let losses =
-            Losses::default().received(self.samples.counters()).sent(self.setpoints.undelivered());
+        let losses = Losses::default()
+            .received(self.samples.counters())
+            .received(self.tokens.counters())
+            .sent(self.setpoints.undelivered());
         Losses { dropped: self.link.dropped.total(), ..losses }
     }
 

@@ -67,7 +67,7 @@ impl Scan {
     }
 }
 
-/// Presence, one bit an axis or a channel.
+/// Presence, one bit per axis or channel.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Present {
     /// Master encoders.

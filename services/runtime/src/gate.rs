@@ -14,8 +14,8 @@
 //!    missed;
 //! 2. read the clock, *after* the last receive (a message published in between would seem to come
 //!    from the future; [`GateConfig::future_ns`] tolerates a little);
-//! 3. call [`Gate::step`], write its volts, and call [`Gate::write_failed`] if the card refuses
-//!    them.
+//! 3. call [`Gate::step`] and write its volts; if the card refuses them, call
+//!    [`Gate::write_failed`] and write its 0 V.
 //!
 //! A caller that keeps only the newest messages passes these to `step`; passing a message again is
 //! harmless.
@@ -297,11 +297,15 @@ impl Gate {
         }) {
             hindrance = GateCause::TokenReceiver;
         }
+        GateOutput { hindrance, ..self.output(volts) }
+    }
+
+    fn output(&self, volts: [f64; AXES]) -> GateOutput {
         GateOutput {
             volts,
             state: self.state(),
             cause: self.cause,
-            hindrance,
+            hindrance: GateCause::None,
             epoch: self.seen_epoch,
             token_sequence: self.token.map_or(0, |token| token.sequence),
             command_sequence: self.command.as_ref().map_or(0, |command| command.sequence),
@@ -310,12 +314,13 @@ impl Gate {
     }
 
     /// The card refused the volts of the last step: an open epoch ends at once, a waiting one does
-    /// not open in the next cycle.
-    pub fn write_failed(&mut self) {
+    /// not open in the next cycle. The result replaces that of the step: 0 V.
+    pub fn write_failed(&mut self) -> GateOutput {
         match self.open {
             Some(open) => self.latch_closed(open.epoch, GateCause::WriteFailed),
             None => self.violated(GateCause::WriteFailed),
         }
+        self.output([0.0; AXES])
     }
 
     /// Present state.

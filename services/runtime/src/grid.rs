@@ -25,7 +25,7 @@ pub struct Wake {
     /// When the first of the ticks that this wake stands for was due: earlier, if some are skipped
     /// (ns).
     pub due_ns: u64,
-    /// When it did (ns).
+    /// When the loop woke (ns).
     pub woke_ns: u64,
     /// Periods skipped just now because it was late.
     pub skipped: u64,
@@ -71,7 +71,7 @@ impl Grid {
         tick * self.period_ns + self.phase_ns
     }
 
-    /// The first wake not before `now_ns`; fixes the grid's position. Pure.
+    /// The first wake not before `now_ns`; fixes the grid's position. Reads no clock.
     pub fn due(&mut self, now_ns: u64) -> u64 {
         let tick = *self.next_tick.get_or_insert_with(|| {
             let tick = now_ns / self.period_ns;
@@ -80,7 +80,8 @@ impl Grid {
         self.wake_time(tick)
     }
 
-    /// Accounts for a wake at `woke_ns`: `None` if it is too early (a signal came). Pure.
+    /// Accounts for a wake at `woke_ns`: `None` if it is too early (a signal came). Reads
+    /// no clock.
     pub fn wake(&mut self, woke_ns: u64) -> Option<Wake> {
         let due = self.due(woke_ns);
         let tick = self.next_tick.unwrap_or(due / self.period_ns);

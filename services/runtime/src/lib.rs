@@ -1,5 +1,5 @@
 //! What every process is built from: the shared-memory domain, ports with identity and sequence,
-//! the grid loop and its timing, the gate, the command plane, the `Daq` trait, signals and
+//! the grid loop and its timing, the gate, requests and answers, the `Daq` trait, signals and
 //! readiness.
 //!
 //! A process is a thin loop round a pure core:
@@ -13,7 +13,7 @@
 //!     let mut samples = service.subscriber(SAMPLE)?;
 //!     let mut commands = service.publisher(COMMAND)?;
 //!     service.enter_loop()?;
-//!     let mut grid = Grid::of_rate(500, 200_000);
+//!     let mut grid = Grid::of_rate(500, 200_000); // Hz, phase in ns
 //!     while !service.stopping() {
 //!         let Some(wake) = grid.wait() else { continue };
 //!         if let Some(sample) = samples.latest()? {

@@ -2,17 +2,18 @@
 //! calling loop passes messages, verbs and the time, and publishes the outputs.
 //!
 //! ```text
-//!            reset (no fault active)      arm           enable (new epoch)
+//!             reset (see below)           arm           enable (new epoch)
 //!  Faulted ─────────────────────────> Disarmed ──> Armed ──────────────────> Enabled
 //!     ^  ^           fault               │  ^        │ disarm                   │ │
 //!     │  └───────────────────────────────┘  └────────┴──────────────────────────┘ │
 //!   start          Tripped <──────────── fault while Armed or Enabled ──────────────┘
-//!                   ^ └─ reset (no fault active) ─> Disarmed
+//!                   ^ └─ reset (see below) ─> Disarmed
 //!   any state ─ estop ┘
 //! ```
 //!
 //! The interlock never enables by itself. Faulted and Tripped are latched: they persist after the
-//! fault has cleared, until a person resets.
+//! fault has cleared, until a person resets. Only faults that trip ([`FaultAction::Trips`]) lead there,
+//! and only they refuse a reset while active.
 //!
 //! Once per cycle, pass every received message to [`Interlock::observe_sample`] or
 //! [`Interlock::observe_command`] and every verb to [`Interlock::command`], then read the clock and

@@ -40,39 +40,41 @@ pub enum HandleControl {
     Force,
 }
 
-/// Torque of the hand, over whole cycles after settling.
+/// Torque of the hand as the torque cell shows it, over whole cycles after settling.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct HandEffort {
     /// Root mean square of its torque (N·m or N).
     pub rms: f64,
     /// Largest magnitude of its torque (N·m or N).
     pub peak: f64,
-    /// Peak-to-peak torque within [`TURN_S`] of a turn, mean over the turns (N·m or N).
+    /// Peak-to-peak torque within [`REVERSAL_WINDOW_S`] of a reversal, mean over the reversals
+    /// (N·m or N).
     pub ripple: f64,
-    /// Half the way of the handle, mean over the cycles (rad or m).
+    /// Half the peak-to-peak travel of the handle, mean over the cycles (rad or m).
     pub amplitude: f64,
     /// Highest speed of the handle (rad/s or m/s).
     pub speed: f64,
-    /// Highest volts at the motor (V).
+    /// Largest magnitude of the commanded volts (V).
     pub volts: f64,
-    /// The last cycle: time from its begin (s), position of the handle (rad or m), torque of the
+    /// The last cycle: time from its start (s), position of the handle (rad or m), torque of the
     /// hand (N·m or N).
     pub cycle: Vec<(f64, f64, f64)>,
 }
 
-/// Half-width of the window around a turn in which the ripple is evaluated (s).
-pub const TURN_S: f64 = 0.025;
+/// Half-width of the window around a reversal in which the ripple is evaluated (s).
+pub const REVERSAL_WINDOW_S: f64 = 0.025;
 /// Settling time (s): a moving hand takes one second to reach its full amplitude.
 const SETTLING_S: f64 = 2.0;
-/// Minimum number of evaluated cycles, and minimum time (s).
+/// Minimum number of evaluated cycles.
 const CYCLES: f64 = 3.0;
+/// Minimum time that is evaluated (s).
 const LEAST_S: f64 = 2.0;
 /// Relative tolerance of the amplitude.
-const CLOSE: f64 = 5e-3;
+const AMPLITUDE_TOLERANCE: f64 = 5e-3;
 /// Largest number of corrections of the hand's reference.
 const CORRECTIONS: usize = 5;
 
-/// Simulates a hand that swings the handle; it replaces the rig file's hand.
+/// Simulates a hand that swings the handle; its movement replaces that of the rig file's hand.
 ///
 /// If friction keeps the handle from the given amplitude, [`HandEffort::amplitude`] is the one
 /// reached.
@@ -92,7 +94,7 @@ pub fn swing(
     let mut spent = once(&rig, control, swing.hertz)?;
     for _ in 0..CORRECTIONS {
         let share = spent.amplitude / swing.amplitude;
-        if (share - 1.0).abs() <= CLOSE || share.is_nan() || share <= 0.0 {
+        if (share - 1.0).abs() <= AMPLITUDE_TOLERANCE || share.is_nan() || share <= 0.0 {
             break;
         }
         // Below the friction torque nothing moves, so each correction is bounded.
@@ -111,57 +113,57 @@ fn once(rig: &RigFile, control: HandleControl, hertz: f64) -> Result<HandEffort,
     let period = (f64::from(rig.rates.control_hz) / hertz).round().max(1.0) as usize;
     let cycles = CYCLES.max((LEAST_S * hertz).ceil()) as usize;
     let settling = ((SETTLING_S * hertz).ceil() as usize).max(1) * period;
-    // The motor has power, and the hand moves, from the first cycle on: each cycle begins where the
-    // hand passes through its centre.
-    let mut moments = Vec::with_capacity(cycles * period);
+    // The motor has power, and the hand moves, from the first cycle on: a cycle of whole control
+    // periods begins where the hand passes through its centre.
+    let mut results = Vec::with_capacity(cycles * period);
     for step in 0..settling + cycles * period {
         let mut setpoint = system.setpoint(&Aim::at_rest(0.0));
         setpoint.mode = mode.code();
-        let moment = system.cycle(&setpoint)?;
+        let result = system.cycle(&setpoint)?;
         if step >= settling {
-            moments.push(moment);
+            results.push(result);
         }
     }
-    Ok(read(&moments, period, 1.0 / f64::from(rig.rates.control_hz)))
+    Ok(read(&results, period, 1.0 / f64::from(rig.rates.control_hz)))
 }
 
 /// Reads whole cycles of `period` steps of `step_s`.
-fn read(moments: &[CycleResult], period: usize, step_s: f64) -> HandEffort {
-    let torque = |moment: &CycleResult| moment.sample.slave_torque[0];
-    let position = |moment: &CycleResult| moment.motion.slave_position_rad;
+fn read(results: &[CycleResult], period: usize, step_s: f64) -> HandEffort {
+    let torque = |result: &CycleResult| result.sample.slave_torque[0];
+    let position = |result: &CycleResult| result.motion.slave_position_rad;
     let largest = |value: &dyn Fn(&CycleResult) -> f64| {
-        moments.iter().map(|moment| value(moment).abs()).fold(0.0, f64::max)
+        results.iter().map(|result| value(result).abs()).fold(0.0, f64::max)
     };
-    let squares: f64 = moments.iter().map(|moment| torque(moment).powi(2)).sum();
-    let around = (TURN_S / step_s).round() as usize;
-    let (mut ways, mut ripples) = (Vec::new(), Vec::new());
-    for (index, cycle) in moments.chunks_exact(period).enumerate() {
+    let squares: f64 = results.iter().map(|result| torque(result).powi(2)).sum();
+    let around = (REVERSAL_WINDOW_S / step_s).round() as usize;
+    let (mut amplitudes, mut ripples) = (Vec::new(), Vec::new());
+    for (index, cycle) in results.chunks_exact(period).enumerate() {
         let at = |sign: f64| {
             (0..period).max_by(|a, b| {
                 (sign * position(&cycle[*a])).total_cmp(&(sign * position(&cycle[*b])))
             })
         };
         let (Some(most), Some(least)) = (at(1.0), at(-1.0)) else { continue };
-        ways.push(0.5 * (position(&cycle[most]) - position(&cycle[least])));
-        for turn in [most, least].map(|turn| index * period + turn) {
-            let window =
-                &moments[turn.saturating_sub(around)..(turn + around + 1).min(moments.len())];
+        amplitudes.push(0.5 * (position(&cycle[most]) - position(&cycle[least])));
+        for reversal in [most, least].map(|reversal| index * period + reversal) {
+            let window = &results
+                [reversal.saturating_sub(around)..(reversal + around + 1).min(results.len())];
             let (low, high) = extremes(window.iter().map(torque));
             ripples.push(high - low);
         }
     }
-    let last = moments.len().saturating_sub(period);
+    let last = results.len().saturating_sub(period);
     HandEffort {
-        rms: (squares / moments.len().max(1) as f64).sqrt(),
+        rms: (squares / results.len().max(1) as f64).sqrt(),
         peak: largest(&torque),
         ripple: mean(&ripples),
-        amplitude: mean(&ways),
-        speed: largest(&|moment| moment.motion.slave_velocity_rad_s),
-        volts: largest(&|moment| moment.command.volts[0]),
-        cycle: moments[last..]
+        amplitude: mean(&amplitudes),
+        speed: largest(&|result| result.motion.slave_velocity_rad_s),
+        volts: largest(&|result| result.command.volts[0]),
+        cycle: results[last..]
             .iter()
             .enumerate()
-            .map(|(step, moment)| (step as f64 * step_s, position(moment), torque(moment)))
+            .map(|(step, result)| (step as f64 * step_s, position(result), torque(result)))
             .collect(),
     }
 }

@@ -39,7 +39,7 @@ pub enum Command {
     /// Clears a latched fault or trip whose cause is no longer present
     #[command(after_help = "Example:\n  farreach reset && farreach arm && farreach enable")]
     Reset(OutputFormat),
-    /// Arms the rig, so that it can be enabled; farreach never arms by itself
+    /// Arms the rig, so that it can be enabled; only `demo` arms by itself, on a simulated card
     #[command(after_help = "Example:\n  farreach arm")]
     Arm(OutputFormat),
     /// Enables the motor on an armed rig

@@ -3,7 +3,7 @@
 //! One channel per topic of [`ipc_types::TOPICS`]; the payload is the CDR header and the message's
 //! bytes, copied. lz4, chunks of about 1 MiB, a flush every [`FLUSH_NS`], `fdatasync` every
 //! [`SYNC_NS`], no seeking: whatever kills the process, everything up to the last flush reads back,
-//! and a crash of the machine costs one sync interval at most.
+//! and a crash of the machine costs what came after the last sync.
 //!
 //! Times: `log_time` and `publish_time` are the message's `time_ns` plus the realtime offset that
 //! was fixed at the start of the file (ns since 1970); the payload keeps the monotonic time.
@@ -55,9 +55,9 @@ pub use metadata_keys::{
 pub use output::Output;
 use output::Shared;
 
-/// Longest time between two flushes (ns).
+/// Time since the last flush after which the next one is due (ns).
 pub const FLUSH_NS: u64 = 300_000_000;
-/// Longest time between two syncs to the disk (ns).
+/// Time since the last sync to the disk after which the next one is due (ns).
 pub const SYNC_NS: u64 = 900_000_000;
 /// Size at which a chunk is closed even before the flush (bytes, uncompressed).
 pub const CHUNK_BYTES: u64 = 1024 * 1024;

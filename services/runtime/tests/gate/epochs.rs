@@ -125,8 +125,13 @@ fn sr_09_a_late_gate_does_not_open_in_that_cycle() {
 #[test]
 fn sr_09_a_refused_write_latches() {
     let mut rig = Rig::opened();
-    rig.gate.write_failed();
-    assert_eq!(rig.gate.state(), GateState::LatchedClosed);
+    let output = rig.gate.write_failed();
+    assert_eq!(output.volts, [0.0; AXES]);
+    assert_eq!(
+        (output.state, output.cause),
+        (GateState::LatchedClosed, GateCause::WriteFailed),
+        "what acquisition records of this cycle"
+    );
     rig.renew();
     rig.latches_closed(GateCause::WriteFailed);
 }

@@ -2,7 +2,7 @@
 //! lock-step rig.
 
 use anyhow::Result;
-use lock_step::free::{HandEffort, HandleControl, Swing, TURN_S, swing};
+use lock_step::free::{HandEffort, HandleControl, REVERSAL_WINDOW_S, Swing, swing};
 use rayon::prelude::*;
 use report::Colour::{Black, Vermillion};
 use report::{Figure, Panels};
@@ -158,7 +158,7 @@ fn caption(traced: &[Pair]) -> String {
         short(fast[0].rms),
         short(fast[1].peak),
         short(fast[0].peak),
-        1e3 * TURN_S,
+        1e3 * REVERSAL_WINDOW_S,
     )
 }
 
@@ -232,10 +232,12 @@ fn values(hertz: f64, printed: &Pair, traced: &Pair) -> Vec<Row> {
         for (name, read) in reads {
             let id = format!("hydrostatic.free.{hertz}hz.{before}{name}");
             let ours = [printed, traced].map(|pair| Some(read(&pair[machine])));
-            let turn_ms = 1e3 * TURN_S;
+            let window_ms = 1e3 * REVERSAL_WINDOW_S;
             let how = match name {
                 "torque_ripple_nm" => {
-                    format!(", peak to peak within {turn_ms:.0} ms of a turn, mean over the turns")
+                    format!(
+                        ", peak to peak within {window_ms:.0} ms of a turn, mean over the turns"
+                    )
                 }
                 _ => String::new(),
             };
