@@ -13,7 +13,7 @@ use crate::equation_error::block_roles::Role;
 use crate::error::{IdentifyError, Result};
 use crate::input::Series;
 use crate::outcome::{Identifiability, Outcome};
-use crate::page::{short, what_is_left};
+use crate::outcome_tables::{short, what_is_left};
 use crate::study::{Identification, StudyOptions, read_mapped, study};
 use crate::write_rig::{Provenance, fitted};
 

@@ -86,7 +86,7 @@ pub fn study(rig: &RigFile, records: &[Series], how: StudyOptions) -> Result<Ide
     let declared = rig.axis_model(axis);
     let (mut outcome, page) =
         pool.install(|| model.identify(&file, &declared, records, options))?;
-    let (sentence, detail) = model.sentences(&outcome);
+    let (_, sentence, detail) = model.sentences(&outcome);
     if !rig.model.effects.is_empty() {
         let names: Vec<String> =
             rig.model.effects.iter().map(|own| format!("{}@{}", own.id, own.site)).collect();

@@ -83,6 +83,11 @@ pub fn roles(n: usize) -> Option<Vec<Role>> {
     )
 }
 
+/// Blocks of one role.
+pub fn blocks_of_role(blocks: &[Block], role: Role) -> Vec<Block> {
+    blocks.iter().filter(|b| b.role == role).cloned().collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

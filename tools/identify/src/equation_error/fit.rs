@@ -54,7 +54,7 @@ impl RegressionModel {
         let fit = solve(&gram, &bounds)?;
         let scores = self.scores(&columns, &fit, blocks);
         let std = standard_deviations(&gram, &fit, &scores);
-        Some(Fitted { fit, std, shapes: values, columns })
+        Some(Fitted { fit, std, shapes: values, columns, outputs: Vec::new() })
     }
 
     /// The best point of the grid over all shapes that are not known, and over the smoothing speed

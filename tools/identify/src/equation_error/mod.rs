@@ -7,7 +7,5 @@ pub mod block_roles;
 pub mod fit;
 mod grid_prescreen;
 pub mod model;
-pub mod search;
 pub mod signals;
 pub mod spline;
-pub mod validation;

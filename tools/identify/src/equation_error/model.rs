@@ -7,7 +7,7 @@ use nalgebra::DVector;
 
 use super::block_roles::Block;
 use super::signals::{ForceBalance, Signals};
-use crate::effects::{Axis, Declared, Regressor, Shape, Term, View};
+use crate::effects::{Axis, Declared, Regressor, Shape, Term, Units, View};
 use crate::regression::{Bound, Fit, Gram};
 
 /// A declared parameter as a column of the regression.
@@ -52,6 +52,16 @@ impl Column {
 
     /// Its values along a record at the full rate, low-passed, given the smoothed sign of the
     /// velocity.
+    /// Unit of the parameter that multiplies it.
+    pub const fn unit(self, units: &Units) -> &'static str {
+        match self {
+            Self::Acceleration => units.mass,
+            Self::Velocity => units.damping,
+            Self::Position => units.stiffness,
+            Self::Sign | Self::One => units.force,
+        }
+    }
+
     fn values<'a>(self, signals: &'a Signals, sign: &[f64]) -> Cow<'a, [f64]> {
         Cow::Borrowed(match self {
             Self::Acceleration => &signals.acceleration,
@@ -94,8 +104,10 @@ pub struct Fitted {
     pub std: Vec<f64>,
     /// Smoothing speed first, then the effects' shapes.
     pub shapes: Vec<f64>,
-    /// Columns by record, at these shapes.
+    /// Columns by record, at these shapes; none where the output is simulated.
     pub columns: Vec<Vec<Vec<f64>>>,
+    /// Simulated output of each record, row by row, where it is simulated.
+    pub outputs: Vec<Vec<f64>>,
 }
 
 /// Time shift of a force that sampling, computing and zero-order hold may cause, in sampling
@@ -285,7 +297,7 @@ impl RegressionModel {
 
     /// The time shift (s) of the last effect, if it is one that sampling and zero-order hold may
     /// cause.
-    pub fn hidden_shift(&self, structure: &Structure<'_>, fitted: &Fitted) -> Option<f64> {
+    pub fn sampling_delay(&self, structure: &Structure<'_>, fitted: &Fitted) -> Option<f64> {
         let effect = *structure.effects.last()?;
         let amplitudes = fitted.fit.coefficients.as_slice();
         let own = &amplitudes[amplitudes.len() - self.terms_of(effect).len()..];

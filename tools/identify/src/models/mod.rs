@@ -5,18 +5,17 @@ mod candidate_movements;
 mod drive;
 mod effect_descriptions;
 mod element;
-mod equation_error_outcome;
-mod equation_error_parameters;
-mod equation_error_result;
-mod equation_error_study;
 mod experiment_design;
+mod force_balance;
 mod next_experiment;
 mod oscillator;
-mod oscillator_outcome;
-mod oscillator_search;
 mod rival_model;
 mod segmentation;
 mod simulated_experiment;
+mod single_channel_outcome;
+mod single_channel_page;
+mod single_channel_parameters;
+mod single_channel_study;
 mod transmission;
 mod transmission_outcome;
 mod transmission_page;
@@ -28,17 +27,17 @@ pub use candidate_movements::RigCapability;
 
 use crate::error::Result;
 use crate::input::Series;
-use crate::outcome::{FoundEffect, Outcome};
-use report::Page;
+use crate::outcome::Outcome;
+use report::{Page, Tone};
 use rig::{Model as Declared, ModelKind};
 
 /// The model of a kind.
 pub fn of_kind(kind: ModelKind) -> &'static dyn Model {
     match kind {
         ModelKind::Transmission(_) => &transmission::Transmission,
-        ModelKind::Drive => &drive::Drive,
+        ModelKind::Drive => &drive::DRIVE,
         ModelKind::Oscillator => &oscillator::Oscillator,
-        ModelKind::Element => &element::Element,
+        ModelKind::Element => &element::ELEMENT,
     }
 }
 
@@ -64,12 +63,8 @@ pub trait Model: Sync {
     /// The columns of its records, time first.
     fn columns(&self) -> &'static [&'static str];
     /// Returns the verdict as a sentence, and one on its accuracy.
-    fn sentences(&self, outcome: &Outcome) -> (String, String) {
-        let words =
-            |effect: &FoundEffect| crate::effects::find(&effect.id).map(|effect| effect.words);
-        let words: Vec<&str> = outcome.effects.iter().filter_map(words).collect();
-        let (_, sentence, detail) = crate::page::sentences(&words, outcome);
-        (sentence, detail)
+    fn sentences(&self, outcome: &Outcome) -> (Tone, String, String) {
+        single_channel_page::sentences(outcome)
     }
     /// Identifies the declared model of `rig_file` (its name, for messages) from records.
     ///

@@ -14,17 +14,18 @@
 use report::Page;
 use rig::Model as Declared;
 
-use super::equation_error_study::{
-    Declaration, axis, blocks, check_channels, check_scale, singular,
+use super::single_channel_study::{
+    DeclaredTerm, Need, axis, check_channels, check_scale, declared_parameters, study,
 };
-use super::{Model, Options, oscillator_outcome, oscillator_search};
+use super::{Model, Options};
 use crate::effects::Units;
 use crate::equation_error::model::{Column, RegressionModel};
 use crate::equation_error::signals::ForceBalance;
 use crate::error::{IdentifyError, Result};
 use crate::input::{Series, step_of};
 use crate::outcome::Outcome;
-use crate::output_error::fit::Record;
+use crate::output_error::fit::{OutputErrorModel, Record};
+use crate::selection::predictor::Predictor;
 
 /// The model kind `oscillator`.
 pub(super) struct Oscillator;
@@ -32,6 +33,14 @@ pub(super) struct Oscillator;
 /// Sites at which effects of an oscillator are searched: the spring, the mass, the amplifier, the
 /// instruments.
 const SITES: &[&str] = &["line", "slave", "drive", "sensor"];
+
+const TERMS: &[DeclaredTerm] = &[
+    (Column::Acceleration, &["mass_s2"], Need::Positive),
+    (Column::Velocity, &["damping_s"], Need::Declared),
+    (Column::Position, &["stiffness"], Need::Positive),
+    (Column::Sign, &["coulomb_friction_v"], Need::Optional),
+    (Column::One, &["input_offset_v"], Need::Optional),
+];
 
 impl Model for Oscillator {
     fn columns(&self) -> &'static [&'static str] {
@@ -45,18 +54,8 @@ impl Model for Oscillator {
         series: &[Series],
         options: Options,
     ) -> Result<(Outcome, Page)> {
-        let declaration = Declaration { file: rig_file, model: declared };
-        let mut parameters = vec![
-            declaration.need_positive(&["mass_s2"], Units::VOLTS.mass, Column::Acceleration)?,
-            declaration.need(&["damping_s"], Units::VOLTS.damping, Column::Velocity)?,
-            declaration.need_positive(&["stiffness"], Units::VOLTS.stiffness, Column::Position)?,
-        ];
-        parameters.extend(declaration.of(
-            &["coulomb_friction_v"],
-            Units::VOLTS.force,
-            Column::Sign,
-        ));
-        parameters.extend(declaration.of(&["input_offset_v"], Units::VOLTS.force, Column::One));
+        let units = Units::VOLTS;
+        let parameters = declared_parameters(rig_file, declared, &units, TERMS)?;
         // The lightest mass on the stiffest spring that the declaration allows.
         let (mass, stiffness) = (&parameters[0], &parameters[2]);
         let lightest = (mass.declared - mass.spread).max(0.25 * mass.declared);
@@ -68,7 +67,7 @@ impl Model for Oscillator {
             balances.push(balance);
             records.push(record);
         }
-        let axis = axis(&balances, Units::VOLTS, true, true);
+        let axis = axis(&balances, units, true, true);
         let regression = RegressionModel { balances, parameters, axis, sites: SITES };
         let advice = "check the units: input and output in the same unit (V), t_s in s, and which \
                       of the two is which";
@@ -78,17 +77,8 @@ impl Model for Oscillator {
         ] {
             check_scale(&regression, "output", scale, advice)?;
         }
-        let blocks = blocks(&regression, series, options.seed)?;
-        let found = oscillator_search::search(&regression, &records, &blocks)
-            .ok_or_else(|| singular(&regression, series))?;
-        let study = oscillator_outcome::Study {
-            regression: &regression,
-            records: &records,
-            blocks: &blocks,
-            found,
-            notes,
-        };
-        Ok(study.conclude())
+        let simulation = OutputErrorModel { regression: &regression, records: &records };
+        study(Predictor::OutputError(simulation), series, options, ("output", notes))
     }
 }
 

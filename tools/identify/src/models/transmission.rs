@@ -4,7 +4,7 @@
 //! Identified by the prediction-error method ([`crate::prediction_error`]). Whole records fit,
 //! select and report; if there are too few of them, segments do ([`super::segmentation`]).
 
-use report::Page;
+use report::{Page, Tone};
 use rig::Model as Declared;
 
 use super::bootstrap::calibrate;
@@ -27,9 +27,8 @@ impl Model for Transmission {
         &USED
     }
 
-    fn sentences(&self, outcome: &Outcome) -> (String, String) {
-        let (_, sentence, detail) = transmission_page::sentences(outcome);
-        (sentence, detail)
+    fn sentences(&self, outcome: &Outcome) -> (Tone, String, String) {
+        transmission_page::sentences(outcome)
     }
 
     fn identify(

@@ -11,7 +11,7 @@ use super::transmission_study::Study;
 use crate::equation_error::block_roles::Role;
 use crate::naming::{held, labels};
 use crate::outcome::{Named, Outcome, UnlistedTable, Verdict};
-use crate::page::{candidates_and_parameters, short};
+use crate::outcome_tables::{candidates_and_parameters, short};
 use crate::prediction_error::fit::Dataset;
 use crate::prediction_error::transmission_model::{Channel, Residual};
 use crate::prediction_error::validation::{LEAST_T, least_beside};

@@ -55,15 +55,6 @@ impl Record {
     }
 }
 
-/// A fitted simulation.
-#[derive(Clone, Debug)]
-pub struct Simulated {
-    /// Amplitudes, their standard deviations and shapes; no columns.
-    pub fitted: Fitted,
-    /// Simulated output of each record, row by row.
-    pub outputs: Vec<Vec<f64>>,
-}
-
 /// Declared model and records, shared by the fits of all structures.
 pub struct OutputErrorModel<'a> {
     /// The model of the equation-error method: parameters, bounds and scales.
@@ -79,12 +70,6 @@ impl OutputErrorModel<'_> {
         block.rows.clone().map(|row| measured[row] - model[row]).collect()
     }
 
-    /// Mean squared residual of each block.
-    pub fn mean_squares(&self, simulated: &Simulated, blocks: &[Block]) -> Vec<f64> {
-        let mean = |e: Vec<f64>| e.iter().map(|e| e * e).sum::<f64>() / e.len().max(1) as f64;
-        blocks.iter().map(|block| mean(self.residual(&simulated.outputs, block))).collect()
-    }
-
     /// Fits amplitudes and shapes on `blocks`, starting from `start`. The terms of the structure
     /// with the indices `without` stay at 0. `None` if the model cannot be simulated at the start.
     pub fn fit(
@@ -93,7 +78,7 @@ impl OutputErrorModel<'_> {
         blocks: &[Block],
         start: &Fitted,
         without: &[usize],
-    ) -> Option<Simulated> {
+    ) -> Option<Fitted> {
         let problem = Problem::new(self, structure, blocks, start, without);
         let before = problem.residuals()?.norm_squared();
         let first = problem.moved.clone();
@@ -298,7 +283,7 @@ impl<'a> Problem<'a> {
         if inward { -step } else { step }
     }
 
-    fn finish(self) -> Option<Simulated> {
+    fn finish(self) -> Option<Fitted> {
         let outputs = self.simulate(&self.moved)?;
         let errors = self.errors(&outputs);
         let jacobian = self.jacobian()?;
@@ -330,7 +315,7 @@ impl<'a> Problem<'a> {
             coefficients: coefficients.clone(),
             squares: errors.norm_squared(),
         };
-        Some(Simulated { fitted: Fitted { fit, std: all, shapes, columns: Vec::new() }, outputs })
+        Some(Fitted { fit, std: all, shapes, columns: Vec::new(), outputs })
     }
 
     /// `Jᵀe` by clusters longer than the memory of the machine.

@@ -1,82 +1,16 @@
-//! The page that `--report` writes for a model of one channel.
+//! The page that `--report` writes for a model with one measured channel.
 
 use report::{Colour, Figure, Page, Table, Tone};
 
-use crate::effects::Units;
-use crate::equation_error::signals::ForceBalance;
-use crate::equation_error::validation::{LEAST_GAIN, LEAST_T};
+use super::single_channel_outcome::{Study, all_rows};
+use crate::effects::find;
 use crate::naming::{held, labels};
 use crate::outcome::{Left, Outcome, Verdict};
+use crate::outcome_tables::{candidates_and_parameters, short, what_is_left};
 use crate::residual_figures::{banded, drawn};
+use crate::selection::predictor::Predictor;
+use crate::selection::validation::{LEAST_GAIN, LEAST_T};
 use crate::spectral::periodogram;
-
-/// One record on the page, row by row.
-pub struct RecordView {
-    /// Name.
-    pub name: String,
-    /// Time (s).
-    pub time: Vec<f64>,
-    /// Position.
-    pub position: Vec<f64>,
-    /// Velocity.
-    pub velocity: Vec<f64>,
-    /// Measured values of the channel.
-    pub measured: Vec<f64>,
-    /// Residual of the declared model.
-    pub before: Vec<f64>,
-    /// Residual with the effects.
-    pub after: Vec<f64>,
-}
-
-impl RecordView {
-    /// A record at its rows, with what was measured of the channel and the residuals.
-    pub fn new(
-        balance: &ForceBalance,
-        measured: &[f64],
-        before: Vec<f64>,
-        after: Vec<f64>,
-    ) -> Self {
-        let signals = &balance.signals;
-        let [time, position, velocity] =
-            [&signals.time, &signals.position, &signals.velocity].map(|full| signals.rows(full));
-        let (name, measured) = (balance.name.clone(), measured.to_vec());
-        Self { name, time, position, velocity, measured, before, after }
-    }
-}
-
-/// The channel whose error is shown.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Channel {
-    /// The force that the measured motion requires.
-    Force,
-    /// The output, simulated from the input.
-    Output,
-}
-
-impl Channel {
-    const fn name(self) -> &'static str {
-        match self {
-            Self::Force => "force",
-            Self::Output => "output",
-        }
-    }
-}
-
-/// Data of the page in addition to the outcome.
-pub struct View {
-    /// Units of the axis.
-    pub units: Units,
-    /// The channel.
-    pub channel: Channel,
-    /// Whether a spring holds the position.
-    pub spring: bool,
-    /// All records.
-    pub records: Vec<RecordView>,
-    /// The effects in words.
-    pub words: Vec<&'static str>,
-    /// Cut-off of the low-pass (Hz).
-    pub cut_off: f64,
-}
 
 /// Number of records with figures of their own.
 const MOST_FIGURES: usize = 3;
@@ -85,14 +19,95 @@ const MOST_FIGURES: usize = 3;
 const DETAIL_ROWS: usize = 1400;
 /// The same for an output that oscillates, of which a few periods are shown.
 const DETAIL_PERIODS: usize = 200;
-/// Listed candidates of each round in the table.
-const MOST_CANDIDATES: usize = 6;
 /// Bands of the spectra, each a sixth of an octave wide or as wide as the record resolves.
 const BANDS_PER_OCTAVE: f64 = 6.0;
 
+/// The channel whose error is shown.
+struct Channel {
+    /// Its name in titles.
+    title: &'static str,
+    name: &'static str,
+    unit: &'static str,
+    /// Rows in the figure of its measured values.
+    detail_rows: usize,
+    /// What its figure compares.
+    compared: &'static str,
+    /// How its error is formed.
+    method: String,
+    /// Unit of the position, where loops of force over position are shown.
+    loops_over: Option<&'static str>,
+}
+
+impl Channel {
+    fn of(predictor: &Predictor<'_>) -> Self {
+        let (axis, unit) = (&predictor.regression().axis, predictor.unit());
+        match predictor {
+            Predictor::EquationError(_) => Self {
+                title: "Force",
+                name: "force",
+                unit,
+                detail_rows: DETAIL_ROWS,
+                compared: "measured force, and the force that the measured motion needs by the \
+                           model",
+                method: format!(
+                    "Position and force pass the same zero-phase low-pass (Butterworth, order 4 a \
+                     pass, {:.0} Hz, forward and backward); speed and acceleration are \
+                     differences of the filtered position; no floor is known without repeated \
+                     records.",
+                    axis.cut_off
+                ),
+                loops_over: axis.spring.then_some(axis.units.position),
+            },
+            Predictor::OutputError(_) => Self {
+                title: "Output",
+                name: "output",
+                unit,
+                detail_rows: DETAIL_PERIODS,
+                compared: "measured output, and the output that the model makes of the input",
+                method: format!(
+                    "The output is simulated from the input alone, begun at the measured state of \
+                     the first row, and compared as measured, without a filter. Candidates are \
+                     screened by the balance of the input up to {:.0} Hz; those marked \
+                     “screened” were not simulated, and their gain is that of the balance. No \
+                     floor is known without repeated records.",
+                    axis.cut_off
+                ),
+                loops_over: None,
+            },
+        }
+    }
+}
+
+/// One record, row by row.
+struct RecordRows {
+    time: Vec<f64>,
+    position: Vec<f64>,
+    velocity: Vec<f64>,
+    measured: Vec<f64>,
+    /// Residual of the declared model.
+    before: Vec<f64>,
+    /// Residual with the effects.
+    after: Vec<f64>,
+}
+
+impl RecordRows {
+    fn new(study: &Study<'_>, record: usize) -> Self {
+        let balance = &study.predictor.regression().balances[record];
+        let signals = &balance.signals;
+        let [time, position, velocity] =
+            [&signals.time, &signals.position, &signals.velocity].map(|full| signals.rows(full));
+        let block = all_rows(record, balance);
+        let [before, after] = [&study.found.base, study.found.last()]
+            .map(|model| study.predictor.residual(&model.fitted, &block));
+        let measured = study.predictor.measured(record).to_vec();
+        Self { time, position, velocity, measured, before, after }
+    }
+}
+
 /// Returns the verdict as a sentence, and one on the errors.
-pub fn sentences(words: &[&str], outcome: &Outcome) -> (Tone, String, String) {
-    let list = words.join(", and ");
+pub(super) fn sentences(outcome: &Outcome) -> (Tone, String, String) {
+    let words = outcome.effects.iter().filter_map(|effect| Some(find(&effect.id)?.words));
+    let list = words.collect::<Vec<_>>().join(", and ");
     let (tone, sentence) = match outcome.verdict {
         Verdict::Effect => (Tone::Neutral, format!("The declared model lacks {list}.")),
         Verdict::Ambiguous => {
@@ -146,10 +161,14 @@ pub fn sentences(words: &[&str], outcome: &Outcome) -> (Tone, String, String) {
 }
 
 /// The whole page.
-pub fn page(view: View, outcome: &Outcome) -> Page {
-    let (tone, sentence, detail) = sentences(&view.words, outcome);
+pub(super) fn page(study: &Study<'_>, outcome: &Outcome) -> Page {
+    let (tone, sentence, detail) = sentences(outcome);
+    let channel = Channel::of(&study.predictor);
     let with = !outcome.effects.is_empty();
-    let names = labels(view.records.iter().map(|r| r.name.as_str()));
+    let regression = study.predictor.regression();
+    let records: Vec<RecordRows> =
+        (0..regression.balances.len()).map(|record| RecordRows::new(study, record)).collect();
+    let names = labels(regression.balances.iter().map(|balance| balance.name.as_str()));
     let mut page = Page::new("What the model lacks")
         .subtitle(&format!("Declared model compared with {}", held(&names)))
         .verdict(tone, &sentence, &detail)
@@ -159,20 +178,20 @@ pub fn page(view: View, outcome: &Outcome) -> Page {
                 "Error of the {} in percent of its root mean square, after each step. Parameters \
                  come from the fitting rows, but for the last column, where everything is fitted \
                  to and judged on all rows, as publications do.",
-                view.channel.name()
+                channel.name
             ),
         )
         .heading("Measured against model");
-    for (label, record) in names.iter().zip(&view.records).take(MOST_FIGURES) {
-        page = record_figures(page, &view, (label, record), with);
+    for (label, record) in names.iter().zip(&records).take(MOST_FIGURES) {
+        page = record_figures(page, &channel, (label, record), with);
     }
     page = page.heading("What the residual depends on").paragraph(
         "Mean of the residual in bins (line) and one standard deviation of the rows in a bin to \
          either side (band). A mean away from zero is something that the model lacks.",
     );
-    let u = &view.units;
-    let all = |f: &dyn Fn(&RecordView) -> &[f64]| -> Vec<f64> {
-        view.records.iter().flat_map(|r| f(r).iter().copied()).collect()
+    let u = &regression.axis.units;
+    let all = |f: &dyn Fn(&RecordRows) -> &[f64]| -> Vec<f64> {
+        records.iter().flat_map(|r| f(r).iter().copied()).collect()
     };
     let (before, after) = (all(&|r| &r.before), all(&|r| &r.after));
     for (what, unit, values) in [
@@ -180,15 +199,15 @@ pub fn page(view: View, outcome: &Outcome) -> Page {
         ("velocity", u.velocity, all(&|r| &r.velocity)),
         ("time", "s", all(&|r| &r.time)),
     ] {
-        let figure = banded(what, unit, view.unit(), &values, (&before, &after), with);
+        let figure = banded(what, unit, channel.unit, &values, (&before, &after), with);
         page = page.figure(&figure, &format!("Residual against {what}, all rows of all records."));
     }
     page = page.figure(
-        &spectrum(&view, with),
+        &spectrum(&channel, records.first(), with),
         &format!(
             "Amplitude of the {} and of its residuals in bands of a sixth of an octave, all rows \
              of the first record.",
-            view.channel.name()
+            channel.name
         ),
     );
     if let Some(unlisted) = &outcome.unlisted {
@@ -226,68 +245,22 @@ pub fn page(view: View, outcome: &Outcome) -> Page {
         "Parameters of the model with its effects, from the fitting rows; ± is one standard \
          deviation, by blocks.",
     );
-    candidates_and_parameters(page, outcome, captions).paragraph(&view.method())
+    candidates_and_parameters(page, outcome, captions).paragraph(&channel.method)
 }
 
-/// Candidates, parameters, the next experiment and notes, with a paragraph on how candidates are
-/// accepted and the captions of the two tables.
-pub(crate) fn candidates_and_parameters(
+fn record_figures(
     page: Page,
-    outcome: &Outcome,
-    (accepted, candidates, fitted): (&str, &str, &str),
+    channel: &Channel,
+    (label, r): (&str, &RecordRows),
+    with: bool,
 ) -> Page {
-    let page = page
-        .heading("Candidates")
-        .paragraph(accepted)
-        .table(ranking(outcome), candidates)
-        .heading("Parameters")
-        .table(parameters(outcome), fitted)
-        .heading("Next experiment")
-        .paragraph(&format!(
-            "{} To settle it: {}.",
-            outcome.next_experiment.why, outcome.next_experiment.what
-        ));
-    outcome.notes.iter().fold(page, |page, note| page.paragraph(&format!("Note: {note}.")))
-}
-
-impl View {
-    /// Unit of the channel.
-    fn unit(&self) -> &'static str {
-        match self.channel {
-            Channel::Force => self.units.force,
-            Channel::Output => self.units.position,
-        }
-    }
-
-    fn method(&self) -> String {
-        match self.channel {
-            Channel::Force => format!(
-                "Position and force pass the same zero-phase low-pass (Butterworth, order 4 a \
-                 pass, {:.0} Hz, forward and backward); speed and acceleration are differences of \
-                 the filtered position; no floor is known without repeated records.",
-                self.cut_off
-            ),
-            Channel::Output => format!(
-                "The output is simulated from the input alone, begun at the measured state of the \
-                 first row, and compared as measured, without a filter. Candidates are screened by \
-                 the balance of the input up to {:.0} Hz; those marked “screened” were not \
-                 simulated, and their gain is that of the balance. No floor is known without \
-                 repeated records.",
-                self.cut_off
-            ),
-        }
-    }
-}
-
-fn record_figures(page: Page, view: &View, (label, r): (&str, &RecordView), with: bool) -> Page {
-    let (name, unit) = (view.channel.name(), view.unit());
+    let Channel { name, unit, compared, .. } = channel;
     let minus = |e: &[f64]| -> Vec<f64> { r.measured.iter().zip(e).map(|(f, e)| f - e).collect() };
     let (declared, effects) = (minus(&r.before), minus(&r.after));
     // From the middle of the record, during the movement.
-    let length = if view.channel == Channel::Output { DETAIL_PERIODS } else { DETAIL_ROWS };
+    let length = channel.detail_rows;
     let from = (r.time.len() / 2).saturating_sub(length / 2);
     let part = from..(from + length).min(r.time.len());
-    let title = if view.channel == Channel::Output { "Output" } else { "Force" };
     let against = |figure: Figure, x: &[f64]| {
         let figure = figure.line(Colour::Black, "measured", x, &r.measured[part.clone()]);
         drawn(&declared[part.clone()], &effects[part.clone()], with).into_iter().enumerate().fold(
@@ -298,28 +271,21 @@ fn record_figures(page: Page, view: &View, (label, r): (&str, &RecordView), with
             },
         )
     };
-    let curves =
-        against(Figure::new(title, "time / s", format!("{name} / {unit}")), &r.time[part.clone()]);
+    let curves = against(
+        Figure::new(channel.title, "time / s", format!("{name} / {unit}")),
+        &r.time[part.clone()],
+    );
     let residual = Figure::new("Residual", "time / s", format!("residual / {unit}")).size(680, 260);
     let residual = drawn(&r.before, &r.after, with)
         .into_iter()
         .fold(residual, |figure, (name, colour, y)| figure.line(colour, name, &r.time, y))
         .horizontal(Colour::Grey, "", 0.0);
-    let how = match view.channel {
-        Channel::Force => {
-            "measured force, and the force that the measured motion needs by the model"
-        }
-        Channel::Output => "measured output, and the output that the model makes of the input",
-    };
     let mut page = page
-        .figure(&curves, &format!("{label}: {how}; a part from the middle."))
+        .figure(&curves, &format!("{label}: {compared}; a part from the middle."))
         .figure(&residual, &format!("{label}: measured {name} less the model's, whole record."));
-    if view.spring && view.channel == Channel::Force {
-        let figure = Figure::new(
-            "Loops",
-            format!("position / {}", view.units.position),
-            format!("{name} / {unit}"),
-        );
+    if let Some(position) = channel.loops_over {
+        let figure =
+            Figure::new("Loops", format!("position / {position}"), format!("{name} / {unit}"));
         page = page.figure(
             &against(figure, &r.position[part.clone()]),
             &format!("{label}: force over position, the same part."),
@@ -329,15 +295,15 @@ fn record_figures(page: Page, view: &View, (label, r): (&str, &RecordView), with
 }
 
 /// Amplitudes of the first record by frequency bands.
-fn spectrum(view: &View, with: bool) -> Figure {
-    let mut figure = Figure::new("", "frequency / Hz", format!("amplitude / {}", view.unit()))
+fn spectrum(channel: &Channel, record: Option<&RecordRows>, with: bool) -> Figure {
+    let mut figure = Figure::new("", "frequency / Hz", format!("amplitude / {}", channel.unit))
         .size(680, 300)
         .log_x()
         .log_y();
-    let Some(r) = view.records.first().filter(|r| r.time.len() > 16) else { return figure };
+    let Some(r) = record.filter(|r| r.time.len() > 16) else { return figure };
     let sampling = (r.time.len() - 1) as f64 / (r.time[r.time.len() - 1] - r.time[0]);
     let lowest = 2.0 * sampling / r.time.len() as f64;
-    let measured = (view.channel.name(), Colour::Black, &r.measured);
+    let measured = (channel.name, Colour::Black, &r.measured);
     for (name, colour, values) in std::iter::once(measured).chain(drawn(&r.before, &r.after, with))
     {
         let n = values.len() as f64;
@@ -385,14 +351,6 @@ fn left(left: &[Left]) -> Table {
     table
 }
 
-/// The name of an effect or function that is left.
-pub fn what_is_left(left: &Left) -> String {
-    match &left.site {
-        Some(site) => format!("{}@{site}", left.id),
-        None => format!("function of {}", left.id.replace('_', " ")),
-    }
-}
-
 fn steps(outcome: &Outcome) -> Table {
     let mut table = Table::new([
         "model",
@@ -407,93 +365,4 @@ fn steps(outcome: &Outcome) -> Table {
         table = table.row(std::iter::once(model).chain(numbers.map(|n| format!("{n:.2}"))));
     }
     table
-}
-
-fn ranking(outcome: &Outcome) -> Table {
-    let mut table = Table::new([
-        "round",
-        "candidate",
-        "error falls by / %",
-        "block t",
-        "blocks better",
-        "worse",
-        "result",
-    ]);
-    let mut shown = (0, 0);
-    for c in &outcome.candidates {
-        shown = if shown.0 == c.round { (c.round, shown.1 + 1) } else { (c.round, 1) };
-        if shown.1 > MOST_CANDIDATES && !c.generic && !c.accepted {
-            continue;
-        }
-        table = table.row([
-            c.round.to_string(),
-            if c.generic {
-                format!("function of {}", c.id.replace('_', " "))
-            } else {
-                c.id.clone()
-            },
-            format!("{:.1}", c.gain_percent),
-            format!("{:.1}", c.t),
-            c.blocks_better.to_string(),
-            c.blocks_worse.to_string(),
-            if c.accepted { "passes" } else { "no" }.to_owned(),
-        ]);
-    }
-    table
-}
-
-fn parameters(outcome: &Outcome) -> Table {
-    let mut table = Table::new(["parameter", "declared", "fitted", "±", "unit", "remark"]);
-    let number = |v: Option<f64>| v.map_or("–".to_owned(), short);
-    for p in &outcome.parameters {
-        let cells = [
-            p.name.clone(),
-            number(p.declared),
-            short(p.fitted),
-            number(p.std),
-            p.unit.clone(),
-            p.remark(),
-        ];
-        table = table.row(cells);
-    }
-    for effect in &outcome.effects {
-        for p in &effect.parameters {
-            let name = format!("{}@{}: {}", effect.id, effect.site, p.name);
-            table = table.row([
-                name,
-                "–".into(),
-                short(p.value),
-                number(p.std),
-                p.unit.clone(),
-                "effect".into(),
-            ]);
-        }
-    }
-    table
-}
-
-/// Four significant digits.
-pub fn short(value: f64) -> String {
-    if value == 0.0 || !value.is_finite() {
-        return format!("{value}");
-    }
-    let digits = (3 - value.abs().log10().floor() as i32).clamp(0, 12) as usize;
-    if (1e-4..1e7).contains(&value.abs()) {
-        format!("{value:.digits$}")
-    } else {
-        format!("{value:.3e}")
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn numbers_can_be_parsed() {
-        for value in [-0.36261, -1.5e-7, 2.0e9, -20.53] {
-            let parsed: f64 = short(value).parse().unwrap();
-            assert!((parsed / value - 1.0).abs() < 1e-3, "{}", short(value));
-        }
-    }
 }

@@ -1,21 +1,22 @@
-//! Shared by equation-error models: checks of the columns, split, search.
+//! Shared by models with one measured channel: declared terms, checks of the columns, split,
+//! search.
 
 use report::Page;
-use rig::{Model as Declared, Parameter as DeclaredParameter};
+use rig::Model as Declared;
 
 use super::Options;
-use super::equation_error_outcome::conclude;
-use super::equation_error_result::Study;
+use super::single_channel_outcome::{Study, conclude};
 use crate::effects::{Axis, Units};
 use crate::equation_error::block_roles::{self, Block, Role};
 use crate::equation_error::model::{Column, Parameter, RegressionModel};
-use crate::equation_error::search::search;
 use crate::equation_error::signals::ForceBalance;
 use crate::error::{IdentifyError, Result};
 use crate::input::Series;
 use crate::outcome::Outcome;
 use crate::prediction_error::record::rms;
 use crate::regression::{Gram, solve};
+use crate::selection::predictor::Predictor;
+use crate::selection::search::search;
 
 /// Blocks of one record last at least this long (s), and at least this many periods of the cut-off.
 const BLOCK_S: f64 = 0.4;
@@ -29,30 +30,16 @@ const FEWEST_SELECTING: usize = 3;
 /// A parameter that differs from its declared value by this factor indicates a wrong unit.
 const UNIT_FACTOR: f64 = 30.0;
 
-/// What to do where a scale is off by orders of magnitude.
-pub(super) const CHECK_UNITS: &str =
-    "check the units: m (or rad), N (or N·m) and s are expected, not mm, degrees, kN or ms";
-
-/// Units of the axis whose force is measured in this column.
-pub(super) fn units_of(channel: &str) -> Units {
-    if channel == "torque_nm" { Units::ROTARY } else { Units::LINEAR }
-}
-
-/// Splits, searches and concludes.
+/// Splits the records, searches and concludes.
 pub(super) fn study(
-    regression: RegressionModel,
+    predictor: Predictor<'_>,
     records: &[Series],
     options: Options,
     (channel, notes): (&'static str, Vec<String>),
 ) -> Result<(Outcome, Page)> {
-    let blocks = blocks(&regression, records, options.seed)?;
-    let found = search(&regression, &blocks).ok_or_else(|| singular(&regression, records))?;
-    Ok(conclude(&Study { regression, blocks, found, channel, notes }))
-}
-
-/// The error for collinear columns.
-pub(super) fn singular(regression: &RegressionModel, records: &[Series]) -> IdentifyError {
-    IdentifyError::Singular {
+    let regression = predictor.regression();
+    let blocks = blocks(regression, records, options.seed)?;
+    let found = search(&predictor, &blocks).ok_or_else(|| IdentifyError::Singular {
         file: records.iter().map(|r| r.file.as_str()).collect::<Vec<_>>().join(", "),
         columns: regression
             .parameters
@@ -60,76 +47,61 @@ pub(super) fn singular(regression: &RegressionModel, records: &[Series]) -> Iden
             .map(|p| p.name.as_str())
             .collect::<Vec<_>>()
             .join(", "),
-    }
+    })?;
+    Ok(conclude(&Study { predictor, blocks, found, channel, notes }))
 }
 
-/// The declaration of a model, read parameter by parameter.
-pub(super) struct Declaration<'a> {
-    /// The rig file, for messages.
-    pub(super) file: &'a str,
-    /// Its model.
-    pub(super) model: &'a Declared,
+/// Whether a parameter must be declared.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(super) enum Need {
+    /// Declared, with a positive value.
+    Positive,
+    /// Declared.
+    Declared,
+    /// May be left out.
+    Optional,
 }
 
-impl Declaration<'_> {
-    /// The first of these parameters that is declared, as a column.
-    pub(super) fn of(
-        &self,
-        names: &[&'static str],
-        unit: &'static str,
-        column: Column,
-    ) -> Option<Parameter> {
-        let declared = names.iter().find_map(|n| self.model.parameter(n))?;
-        let DeclaredParameter { name, value, .. } = declared;
-        Some(Parameter {
-            name: name.clone(),
-            unit,
-            declared: *value,
-            spread: declared.spread(),
-            column,
-        })
-    }
+/// A term of the declared model: its column, the names of its parameter, and whether it must be
+/// declared.
+pub(super) type DeclaredTerm = (Column, &'static [&'static str], Need);
 
-    /// As [`Self::of`]; one of them must be declared.
-    pub(super) fn need(
-        &self,
-        names: &[&'static str],
-        unit: &'static str,
-        column: Column,
-    ) -> Result<Parameter> {
-        self.of(names, unit, column).ok_or_else(|| IdentifyError::Parameter {
-            file: self.file.to_owned(),
-            kind: self.model.kind.name(),
-            name: names[0],
-            found: self
-                .model
-                .parameters
-                .iter()
-                .map(|p| p.name.as_str())
-                .collect::<Vec<_>>()
-                .join(", "),
-        })
-    }
-
-    /// As [`Self::need`]; the value must be positive.
-    pub(super) fn need_positive(
-        &self,
-        names: &[&'static str],
-        unit: &'static str,
-        column: Column,
-    ) -> Result<Parameter> {
-        let parameter = self.need(names, unit, column)?;
-        if parameter.declared <= 0.0 {
-            let (file, value) = (self.file.to_owned(), parameter.declared);
-            return Err(IdentifyError::Value {
-                file,
+/// Reads the declared terms of a model of `file` (its name, for messages); the first name that is
+/// declared counts.
+pub(super) fn declared_parameters(
+    file: &str,
+    model: &Declared,
+    units: &Units,
+    terms: &[DeclaredTerm],
+) -> Result<Vec<Parameter>> {
+    let mut parameters = Vec::new();
+    for (column, names, need) in terms {
+        let Some(declared) = names.iter().find_map(|name| model.parameter(name)) else {
+            if *need == Need::Optional {
+                continue;
+            }
+            let found: Vec<&str> = model.parameters.iter().map(|p| p.name.as_str()).collect();
+            return Err(IdentifyError::Parameter {
+                file: file.to_owned(),
+                kind: model.kind.name(),
                 name: names[0],
-                value,
-                expected: "more than 0",
+                found: found.join(", "),
             });
+        };
+        if *need == Need::Positive && declared.value <= 0.0 {
+            let (file, value) = (file.to_owned(), declared.value);
+            let (name, expected) = (names[0], "more than 0");
+            return Err(IdentifyError::Value { file, name, value, expected });
         }
-        Ok(parameter)
+        parameters.push(Parameter {
+            name: declared.name.clone(),
+            unit: column.unit(units),
+            declared: declared.value,
+            spread: declared.spread(),
+            column: *column,
+        });
     }
+    Ok(parameters)
 }
 
 /// Checks that channels are finite and vary, and notes clipped ones.
@@ -245,11 +217,7 @@ pub(super) fn check_scale(
 }
 
 /// Assigns roles: whole records if there are enough, else blocks of the record.
-pub(super) fn blocks(
-    regression: &RegressionModel,
-    records: &[Series],
-    seed: u64,
-) -> Result<Vec<Block>> {
+fn blocks(regression: &RegressionModel, records: &[Series], seed: u64) -> Result<Vec<Block>> {
     let blocks = shared_out(regression, records, seed)?;
     let selecting = || blocks.iter().filter(|block| block.role == Role::Select);
     match selecting().next() {

@@ -1,9 +1,6 @@
-//! Validation of a candidate on the selecting blocks.
+//! Validation of a candidate on the selection rows.
 
-use super::block_roles::Block;
-use super::model::{Fitted, RegressionModel};
-
-/// Least relative decrease of the rms residual on the selecting rows for which an effect is
+/// Least relative decrease of the rms residual on the selection rows for which an effect is
 /// accepted. On filtered rows at 200 Hz a significance test alone would reject clean data; the size
 /// of the decrease protects against that.
 pub const LEAST_GAIN: f64 = 0.10;
@@ -16,7 +13,7 @@ pub const LEAST_T: f64 = 2.5;
 pub struct Validation {
     /// Id of the effect, or name of the spline's variable.
     pub id: &'static str,
-    /// Decrease of the rms residual on the selecting rows, in percent.
+    /// Decrease of the rms residual on the selection rows, in percent.
     pub gain_percent: f64,
     /// Block t of the decrease.
     pub t: f64,
@@ -28,19 +25,7 @@ pub struct Validation {
     pub accepted: bool,
 }
 
-/// Mean squared residual of each block.
-pub fn mean_squares(regression: &RegressionModel, fitted: &Fitted, blocks: &[Block]) -> Vec<f64> {
-    let square = |e: &f64| e * e;
-    blocks
-        .iter()
-        .map(|b| {
-            regression.residual(fitted, b).iter().map(square).sum::<f64>()
-                / b.rows.len().max(1) as f64
-        })
-        .collect()
-}
-
-/// Validates a candidate from the mean squared residuals of the selecting blocks before and after.
+/// Validates a candidate from the mean squared residuals of the selection blocks before and after.
 pub fn validate(id: &'static str, before: &[f64], after: &[f64]) -> Validation {
     let n = before.len() as f64;
     let (sum_before, sum_after) = (before.iter().sum::<f64>(), after.iter().sum::<f64>());

@@ -1,16 +1,17 @@
 //! Parameters of an equation-error model and of its effects.
 
 use crate::effects::Declared;
-use crate::equation_error::model::{Column, Fitted, RegressionModel, Structure};
+use crate::equation_error::model::{Column, Fitted, RegressionModel};
 use crate::outcome::{EffectParameter, FittedParameter, Identifiability};
+use crate::selection::candidates::FittedModel;
 
 /// Parameters of the effect at one place of a fitted structure.
 pub(super) fn effect_parameters(
     regression: &RegressionModel,
-    structure: &Structure<'static>,
+    model: &FittedModel,
     at: usize,
-    fitted: &Fitted,
 ) -> Vec<EffectParameter> {
+    let FittedModel { structure, fitted, .. } = model;
     let Some(regressor) = structure.effects.get(at).copied() else { return Vec::new() };
     let before =
         structure.effects[..at].iter().map(|e| regression.terms_of(*e).len()).sum::<usize>();
@@ -58,9 +59,9 @@ fn lifted(regression: &RegressionModel, fitted: &Fitted, which: Declared) -> (f6
 /// Declared parameters, as fitted.
 pub(super) fn parameters(
     regression: &RegressionModel,
-    structure: &Structure<'_>,
-    last: &Fitted,
+    model: &FittedModel,
 ) -> Vec<FittedParameter> {
+    let last = &model.fitted;
     let mut out: Vec<FittedParameter> = regression
         .parameters
         .iter()
@@ -82,7 +83,7 @@ pub(super) fn parameters(
             }
         })
         .collect();
-    let shapes = regression.shapes(structure);
+    let shapes = regression.shapes(&model.structure);
     if let Some(smoothing) = shapes.first().filter(|s| s.points > 1) {
         let fitted = last.shapes[0];
         let identifiable = fitted > 1.05 * smoothing.low && fitted < 0.95 * smoothing.high;

@@ -1,0 +1,101 @@
+//! Models whose measured force is compared with the force that the measured motion needs.
+
+use report::Page;
+use rig::Model as Declared;
+
+use super::single_channel_study::{
+    DeclaredTerm, axis, check_channels, check_scale, declared_parameters, study,
+};
+use super::{Model, Options};
+use crate::effects::Units;
+use crate::equation_error::model::{Column, RegressionModel};
+use crate::equation_error::signals::{CutOff, ForceBalance};
+use crate::error::Result;
+use crate::input::Series;
+use crate::outcome::Outcome;
+use crate::selection::predictor::Predictor;
+
+/// What to do where a scale is off by orders of magnitude.
+const CHECK_UNITS: &str =
+    "check the units: m (or rad), N (or N·m) and s are expected, not mm, degrees, kN or ms";
+
+/// A kind of model.
+pub(super) struct ForceBalanceModel {
+    /// The columns of its records, time first.
+    pub(super) columns: &'static [&'static str],
+    /// Sites at which its effects are searched.
+    pub(super) sites: &'static [&'static str],
+    /// Cut-off of the low-pass.
+    pub(super) cut_off: CutOff,
+    /// The declared terms.
+    pub(super) terms: &'static [DeclaredTerm],
+    /// Column and words of the scale that reveals a wrong unit.
+    pub(super) scale: (Column, &'static str),
+    /// Whether a spring holds the position.
+    pub(super) spring: bool,
+    /// Whether an amplifier makes the force.
+    pub(super) commanded: bool,
+}
+
+impl Model for ForceBalanceModel {
+    fn columns(&self) -> &'static [&'static str] {
+        self.columns
+    }
+
+    fn identify(
+        &self,
+        rig_file: &str,
+        declared: &Declared,
+        records: &[Series],
+        options: Options,
+    ) -> Result<(Outcome, Page)> {
+        let mut notes: Vec<String> = records.iter().flat_map(|r| r.notes.iter().cloned()).collect();
+        let (mut balances, mut channel) = (Vec::new(), "force_n");
+        for series in records {
+            let (balance, name) = self.prepare(series, declared, &mut notes)?;
+            balances.push(balance);
+            channel = name;
+        }
+        let units = if channel == "torque_nm" { Units::ROTARY } else { Units::LINEAR };
+        let parameters = declared_parameters(rig_file, declared, &units, self.terms)?;
+        let mut axis = axis(&balances, units, self.spring, self.commanded);
+        if self.commanded {
+            axis.turn = declared.parameter("motor_turn_m").map(|p| p.value).or(axis.turn);
+        }
+        let regression = RegressionModel { balances, parameters, axis, sites: self.sites };
+        check_scale(&regression, channel, self.scale, CHECK_UNITS)?;
+        study(Predictor::EquationError(&regression), records, options, (channel, notes))
+    }
+}
+
+impl ForceBalanceModel {
+    /// Checks one record and prepares its rows; the second value is the force's column.
+    fn prepare(
+        &self,
+        series: &Series,
+        declared: &Declared,
+        notes: &mut Vec<String>,
+    ) -> Result<(ForceBalance, &'static str)> {
+        let time = series.time()?;
+        let (position_name, position) = series.any(&["position_m", "position_rad"])?;
+        let force = series.any(&["force_n", "torque_nm"]);
+        let scaled: Vec<f64>;
+        let force_per_volt = declared.parameter("force_per_volt_n").map(|p| p.value);
+        let (force_source, channel, force) = match (force, series.column("motor_v"), force_per_volt)
+        {
+            (Err(_), Some(volts), Some(scale)) if self.commanded => {
+                scaled = volts.iter().map(|v| v * scale).collect();
+                notes.push(format!("{}: force = {scale} N/V × motor_v, as declared", series.file));
+                ("motor_v", "force_n", scaled.as_slice())
+            }
+            (force, ..) => {
+                let (name, force) = force?;
+                (name, name, force)
+            }
+        };
+        let channels = [(position_name, "the position"), (force_source, "the force")];
+        check_channels(series, &channels, notes)?;
+        let balance = ForceBalance::new(&series.file, time, position, force, self.cut_off);
+        Ok((balance.ok_or_else(|| series.short(time.len()))?, channel))
+    }
+}

@@ -1,0 +1,126 @@
+//! Tables that the pages of all models share, and how numbers are written.
+
+use report::{Page, Table};
+
+use crate::outcome::{Left, Outcome};
+
+/// Listed candidates of each round in the table.
+const MOST_CANDIDATES: usize = 6;
+
+/// Candidates, parameters, the next experiment and notes, with a paragraph on how candidates are
+/// accepted and the captions of the two tables.
+pub(crate) fn candidates_and_parameters(
+    page: Page,
+    outcome: &Outcome,
+    (accepted, candidates, fitted): (&str, &str, &str),
+) -> Page {
+    let page = page
+        .heading("Candidates")
+        .paragraph(accepted)
+        .table(ranking(outcome), candidates)
+        .heading("Parameters")
+        .table(parameters(outcome), fitted)
+        .heading("Next experiment")
+        .paragraph(&format!(
+            "{} To settle it: {}.",
+            outcome.next_experiment.why, outcome.next_experiment.what
+        ));
+    outcome.notes.iter().fold(page, |page, note| page.paragraph(&format!("Note: {note}.")))
+}
+
+/// The name of an effect or function that is left.
+pub(crate) fn what_is_left(left: &Left) -> String {
+    match &left.site {
+        Some(site) => format!("{}@{site}", left.id),
+        None => format!("function of {}", left.id.replace('_', " ")),
+    }
+}
+
+fn ranking(outcome: &Outcome) -> Table {
+    let mut table = Table::new([
+        "round",
+        "candidate",
+        "error falls by / %",
+        "block t",
+        "blocks better",
+        "worse",
+        "result",
+    ]);
+    let mut shown = (0, 0);
+    for c in &outcome.candidates {
+        shown = if shown.0 == c.round { (c.round, shown.1 + 1) } else { (c.round, 1) };
+        if shown.1 > MOST_CANDIDATES && !c.generic && !c.accepted {
+            continue;
+        }
+        table = table.row([
+            c.round.to_string(),
+            if c.generic {
+                format!("function of {}", c.id.replace('_', " "))
+            } else {
+                c.id.clone()
+            },
+            format!("{:.1}", c.gain_percent),
+            format!("{:.1}", c.t),
+            c.blocks_better.to_string(),
+            c.blocks_worse.to_string(),
+            if c.accepted { "passes" } else { "no" }.to_owned(),
+        ]);
+    }
+    table
+}
+
+fn parameters(outcome: &Outcome) -> Table {
+    let mut table = Table::new(["parameter", "declared", "fitted", "±", "unit", "remark"]);
+    let number = |v: Option<f64>| v.map_or("–".to_owned(), short);
+    for p in &outcome.parameters {
+        let cells = [
+            p.name.clone(),
+            number(p.declared),
+            short(p.fitted),
+            number(p.std),
+            p.unit.clone(),
+            p.remark(),
+        ];
+        table = table.row(cells);
+    }
+    for effect in &outcome.effects {
+        for p in &effect.parameters {
+            let name = format!("{}@{}: {}", effect.id, effect.site, p.name);
+            table = table.row([
+                name,
+                "–".into(),
+                short(p.value),
+                number(p.std),
+                p.unit.clone(),
+                "effect".into(),
+            ]);
+        }
+    }
+    table
+}
+
+/// Four significant digits.
+pub(crate) fn short(value: f64) -> String {
+    if value == 0.0 || !value.is_finite() {
+        return format!("{value}");
+    }
+    let digits = (3 - value.abs().log10().floor() as i32).clamp(0, 12) as usize;
+    if (1e-4..1e7).contains(&value.abs()) {
+        format!("{value:.digits$}")
+    } else {
+        format!("{value:.3e}")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_can_be_parsed() {
+        for value in [-0.36261, -1.5e-7, 2.0e9, -20.53] {
+            let parsed: f64 = short(value).parse().unwrap();
+            assert!((parsed / value - 1.0).abs() < 1e-3, "{}", short(value));
+        }
+    }
+}

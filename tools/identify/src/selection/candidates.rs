@@ -1,0 +1,157 @@
+//! Candidates of stepwise selection, and the choice among those that were fitted.
+
+use super::validation::{Validation, validate};
+use crate::effects::{ALL, Effect};
+use crate::equation_error::model::{Column, Fitted, RegressionModel, Structure};
+
+/// A rival is as good as the winner when its gain (in log error) is at least this share of the
+/// winner's.
+const RIVAL: f64 = 0.9;
+
+/// An effect at a site.
+#[derive(Clone, Copy)]
+pub struct SitedEffect {
+    /// The effect.
+    pub effect: &'static Effect,
+    /// Its site.
+    pub site: &'static str,
+}
+
+/// A model with some effects, fitted.
+#[derive(Clone)]
+pub struct FittedModel {
+    /// Its effects.
+    pub structure: Structure<'static>,
+    /// Its fit: of the output error where the output is simulated.
+    pub fitted: Fitted,
+    /// Its equation-error fit, where the output is simulated.
+    pub equation_error_fit: Option<Fitted>,
+}
+
+impl FittedModel {
+    /// The fit that screening starts from.
+    pub fn equation_error_fit(&self) -> &Fitted {
+        self.equation_error_fit.as_ref().unwrap_or(&self.fitted)
+    }
+}
+
+/// A candidate, fitted beside the current model and validated.
+#[derive(Clone)]
+pub struct FittedCandidate {
+    /// The effect.
+    pub sited: SitedEffect,
+    /// Its validation.
+    pub validation: Validation,
+    /// The model with it.
+    pub model: FittedModel,
+    /// Mean squared residual of each selecting block.
+    pub block_errors: Vec<f64>,
+    /// Whether it was screened by its equation error only, where models are simulated: it cannot
+    /// pass.
+    pub screened_only: bool,
+}
+
+impl FittedCandidate {
+    /// Decrease of the logarithm of the error.
+    fn log_gain(&self) -> f64 {
+        -(1.0 - self.validation.gain_percent / 100.0).max(1e-12).ln()
+    }
+}
+
+/// Whether the model has that effect already: added, or declared as a parameter.
+fn has(regression: &RegressionModel, added: &[SitedEffect], id: &str) -> bool {
+    id == "coulomb_friction" && regression.declares(Column::Sign)
+        || added.iter().any(|a| a.effect.id == id)
+}
+
+/// Returns the candidates that are applicable beside the effects in the model.
+pub fn candidates(
+    regression: &RegressionModel,
+    added: &[SitedEffect],
+    current: &Fitted,
+) -> Vec<SitedEffect> {
+    let at_edge = |column| {
+        regression
+            .parameters
+            .iter()
+            .zip(&current.fit.at_bound)
+            .any(|(p, edge)| p.column == column && *edge)
+    };
+    let rank = |site: &str| regression.sites.iter().position(|s| *s == site);
+    let sited = |effect: &'static Effect| {
+        let site = regression.sites.iter().find(|site| effect.sites.contains(site))?;
+        Some(SitedEffect { effect, site })
+    };
+    let mut list: Vec<SitedEffect> = ALL
+        .iter()
+        .filter_map(sited)
+        .filter(|c| {
+            !has(regression, added, c.effect.id) && c.effect.regressor.applies(&regression.axis)
+        })
+        .filter(|c| c.effect.regressor.needs().iter().all(|need| has(regression, added, need)))
+        .filter(|c| {
+            !regression.frees(c.effect.regressor)
+                || c.effect.regressor.lifts().map(Column::of).is_some_and(at_edge)
+        })
+        .collect();
+    // Of two effects on the same parameter, the one at the first site is kept.
+    let lifted: Vec<_> = list.iter().map(|c| (c.effect.regressor.lifts(), rank(c.site))).collect();
+    let taken = |(lifts, rank): &(Option<_>, Option<usize>)| {
+        lifts.is_some() && lifted.iter().any(|(other, nearer)| other == lifts && nearer < rank)
+    };
+    let mut keep = lifted.iter().map(|l| !taken(l));
+    list.retain(|_| keep.next().unwrap_or(true));
+    list
+}
+
+/// Number of parameters of an effect.
+fn freedom(regression: &RegressionModel, sited: &SitedEffect) -> usize {
+    let terms = sited.effect.regressor.terms(&regression.axis);
+    terms.iter().filter(|t| !t.is_given()).count()
+        + sited.effect.regressor.shapes(&regression.axis).len()
+}
+
+/// Chooses, of the accepted candidates with about the best gain, the one with the fewest
+/// parameters. A simpler effect that it contains as a limit takes its place unless it improves on
+/// that by as much as an effect must. `tried` is in the order of gains.
+pub fn best_accepted(
+    regression: &RegressionModel,
+    added: &[SitedEffect],
+    tried: &[FittedCandidate],
+) -> Option<usize> {
+    let top = tried.iter().find(|t| t.validation.accepted)?.log_gain();
+    let is_near = |t: &FittedCandidate| t.validation.accepted && t.log_gain() >= RIVAL * top;
+    let best = (0..tried.len())
+        .filter(|i| is_near(&tried[*i]))
+        .min_by_key(|i| freedom(regression, &tried[*i].sited))?;
+    let simpler =
+        tried[best].sited.effect.regressor.refines().filter(|id| !has(regression, added, id));
+    let simpler = simpler
+        .and_then(|id| tried.iter().position(|t| t.validation.id == id && t.validation.accepted));
+    Some(
+        simpler
+            .filter(|s| !validate("", &tried[*s].block_errors, &tried[best].block_errors).accepted)
+            .unwrap_or(best),
+    )
+}
+
+/// Returns candidates with about the winner's gain and no more parameters that are not nested with
+/// it.
+pub fn equally_good(
+    regression: &RegressionModel,
+    tried: &[FittedCandidate],
+    best: usize,
+) -> Vec<SitedEffect> {
+    let winner = &tried[best];
+    let nested =
+        |a: &SitedEffect, b: &SitedEffect| a.effect.regressor.refines() == Some(b.effect.id);
+    tried
+        .iter()
+        .enumerate()
+        .filter(|(i, t)| *i != best && t.validation.accepted)
+        .filter(|(_, t)| !nested(&t.sited, &winner.sited) && !nested(&winner.sited, &t.sited))
+        .filter(|(_, t)| t.log_gain() >= RIVAL * winner.log_gain())
+        .filter(|(_, t)| freedom(regression, &t.sited) <= freedom(regression, &winner.sited))
+        .map(|(_, t)| t.sited)
+        .collect()
+}

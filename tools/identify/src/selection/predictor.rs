@@ -1,0 +1,89 @@
+//! How the error of a model with one measured channel is formed.
+
+use nalgebra::DVector;
+
+use crate::equation_error::block_roles::Block;
+use crate::equation_error::fit::ShapeSearch;
+use crate::equation_error::model::{Fitted, RegressionModel, Structure};
+use crate::output_error::fit::OutputErrorModel;
+
+/// A declared model with its records.
+pub enum Predictor<'a> {
+    /// The error is that of the force which the measured motion needs.
+    EquationError(&'a RegressionModel),
+    /// The error is that of the output which is simulated from the input alone.
+    OutputError(OutputErrorModel<'a>),
+}
+
+impl Predictor<'_> {
+    /// The declared model, and its records for the equation error.
+    pub const fn regression(&self) -> &RegressionModel {
+        match self {
+            Self::EquationError(regression) => regression,
+            Self::OutputError(simulation) => simulation.regression,
+        }
+    }
+
+    /// The measured channel of a record, by row.
+    pub fn measured(&self, record: usize) -> &[f64] {
+        match self {
+            Self::EquationError(regression) => &regression.balances[record].force,
+            Self::OutputError(simulation) => &simulation.records[record].output,
+        }
+    }
+
+    /// Unit of the measured channel.
+    pub const fn unit(&self) -> &'static str {
+        match self {
+            Self::EquationError(regression) => regression.axis.units.force,
+            Self::OutputError(simulation) => simulation.regression.axis.units.position,
+        }
+    }
+
+    /// Measured less predicted, over the rows of a block.
+    pub fn residual(&self, fitted: &Fitted, block: &Block) -> Vec<f64> {
+        match self {
+            Self::EquationError(regression) => regression.residual(fitted, block),
+            Self::OutputError(simulation) => simulation.residual(&fitted.outputs, block),
+        }
+    }
+
+    /// Mean squared residual of each block.
+    pub fn mean_squares(&self, fitted: &Fitted, blocks: &[Block]) -> Vec<f64> {
+        let mean = |e: Vec<f64>| e.iter().map(|e| e * e).sum::<f64>() / e.len().max(1) as f64;
+        blocks.iter().map(|block| mean(self.residual(fitted, block))).collect()
+    }
+
+    /// Root mean square of the residual over some blocks, and of the channel over the same rows.
+    pub fn error(&self, fitted: &Fitted, blocks: &[Block]) -> (f64, f64) {
+        let squares = |values: &[f64]| values.iter().map(|value| value * value).sum::<f64>();
+        let (mut e, mut y, mut n) = (0.0, 0.0, 0usize);
+        for block in blocks {
+            let residual = self.residual(fitted, block);
+            e += match self {
+                Self::EquationError(_) => DVector::from_vec(residual).norm_squared(),
+                Self::OutputError(_) => squares(&residual),
+            };
+            y += squares(&self.measured(block.record)[block.rows.clone()]);
+            n += block.rows.len();
+        }
+        ((e / n.max(1) as f64).sqrt(), (y / n.max(1) as f64).sqrt())
+    }
+
+    /// Fits a structure to blocks, starting from a fit. The terms with the indices `without` stay
+    /// at 0, where the output is simulated.
+    pub fn refit(
+        &self,
+        structure: &Structure<'_>,
+        blocks: &[Block],
+        start: &Fitted,
+        without: &[usize],
+    ) -> Option<Fitted> {
+        match self {
+            Self::EquationError(regression) => {
+                regression.fit(structure, blocks, &start.shapes, ShapeSearch::Refine)
+            }
+            Self::OutputError(simulation) => simulation.fit(structure, blocks, start, without),
+        }
+    }
+}
