@@ -11,7 +11,7 @@
 //! In a residual: plotted over the command, a step at zero. Confused with: Coulomb friction where
 //! inertia is small, since command and velocity then change sign together.
 
-use super::{Axis, Effect, Regressor, Term, View};
+use super::{Effect, Term};
 
 pub(super) const EFFECT: Effect = Effect {
     id: "amplifier_deadzone",
@@ -19,27 +19,16 @@ pub(super) const EFFECT: Effect = Effect {
     words: "an amplifier that puts out nothing for small commands (dead zone)",
     experiment: "slow triangles of the command through zero with the current measured: the flat \
                  part is the dead zone",
-    regressor: &AmplifierDeadzone,
-};
-
-struct AmplifierDeadzone;
-
-impl Regressor for AmplifierDeadzone {
-    fn applies(&self, axis: &Axis) -> bool {
-        axis.commanded
-    }
-    fn uses_model(&self) -> bool {
-        true
-    }
-    fn terms(&self, axis: &Axis) -> Vec<Term> {
-        vec![Term::positive("half_width", axis.units.force)]
-    }
-    fn columns(&self, view: &View<'_>, _: &[f64]) -> Vec<Vec<f64>> {
+    applies: |axis| axis.commanded,
+    uses_model: true,
+    terms: |axis| vec![Term::positive("half_width", axis.units.force)],
+    columns: Some(|view, _| {
         let smooth = 0.05 * view.axis.force_rms;
         vec![view.model.iter().map(|f| (f / smooth).tanh()).collect()]
-    }
-    fn deliver(&self, command: &[f64], _: f64, amplitudes: &[f64], _: &[f64]) -> Option<Vec<f64>> {
+    }),
+    deliver: Some(|command, _, amplitudes, _| {
         let half = amplitudes[0].max(0.0);
-        Some(command.iter().map(|f| f - f.clamp(-half, half)).collect())
-    }
-}
+        command.iter().map(|f| f - f.clamp(-half, half)).collect()
+    }),
+    ..Effect::NONE
+};

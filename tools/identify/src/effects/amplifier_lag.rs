@@ -11,7 +11,7 @@
 //! reported), mass or damping outside its tolerance.
 
 use super::transport_delay::LAG_OR_DEAD_TIME;
-use super::{Axis, Effect, Regressor, Term, View};
+use super::{Effect, Term};
 use crate::filter::derivatives;
 use crate::input::step_of;
 
@@ -20,37 +20,15 @@ pub(super) const EFFECT: Effect = Effect {
     sites: &["drive"],
     words: "an amplifier that follows late (lag)",
     experiment: LAG_OR_DEAD_TIME,
-    regressor: &AmplifierLag,
-};
-
-struct AmplifierLag;
-
-impl Regressor for AmplifierLag {
-    fn applies(&self, axis: &Axis) -> bool {
-        axis.commanded
-    }
-    fn uses_model(&self) -> bool {
-        true
-    }
-    fn linear(&self) -> bool {
-        true
-    }
-    fn shift(&self, amplitudes: &[f64], _: &[f64]) -> Option<f64> {
-        amplitudes.first().copied()
-    }
-    fn terms(&self, _: &Axis) -> Vec<Term> {
-        vec![Term::positive("time_constant", "s")]
-    }
-    fn columns(&self, view: &View<'_>, _: &[f64]) -> Vec<Vec<f64>> {
+    applies: |axis| axis.commanded,
+    uses_model: true,
+    linear: true,
+    shift: |amplitudes, _| amplitudes.first().copied(),
+    terms: |_| vec![Term::positive("time_constant", "s")],
+    columns: Some(|view, _| {
         vec![derivatives(view.model, step_of(&view.signals.time).unwrap_or(1.0)).0]
-    }
-    fn deliver(
-        &self,
-        command: &[f64],
-        step: f64,
-        amplitudes: &[f64],
-        _: &[f64],
-    ) -> Option<Vec<f64>> {
+    }),
+    deliver: Some(|command, step, amplitudes, _| {
         let share = step / amplitudes[0].max(1e-9 * step);
         let kept = (-share).exp();
         let mut before = command.first().copied().unwrap_or(0.0);
@@ -62,6 +40,7 @@ impl Regressor for AmplifierLag {
             before = *f;
             state
         };
-        Some(command.iter().map(follow).collect())
-    }
-}
+        command.iter().map(follow).collect()
+    }),
+    ..Effect::NONE
+};

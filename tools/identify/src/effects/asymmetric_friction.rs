@@ -16,7 +16,7 @@
 //! In a residual: plotted over the velocity, a V. Confused with: an offset, where the speed is the
 //! same in both directions; quadratic drag that acts in one direction only.
 
-use super::{Axis, Effect, Instant, Law, Regressor, Term};
+use super::{Effect, Term};
 
 pub(super) const EFFECT: Effect = Effect {
     id: "asymmetric_friction",
@@ -25,22 +25,7 @@ pub(super) const EFFECT: Effect = Effect {
     experiment: "strokes both ways at several constant speeds, and the force at rest with the \
                  motor free: the slopes give the viscous difference, and the force at rest parts \
                  the Coulomb difference from the offset",
-    regressor: &AsymmetricFriction,
+    terms: |axis| vec![Term::free("viscous_difference", axis.units.damping)],
+    force: Some(|now, _, _, out| out[0] = now.velocity.abs()),
+    ..Effect::NONE
 };
-
-struct AsymmetricFriction;
-
-impl Regressor for AsymmetricFriction {
-    fn terms(&self, axis: &Axis) -> Vec<Term> {
-        vec![Term::free("viscous_difference", axis.units.damping)]
-    }
-    fn law(&self) -> Option<&dyn Law> {
-        Some(self)
-    }
-}
-
-impl Law for AsymmetricFriction {
-    fn force(&self, now: &Instant, _: &[f64], _: &[f64], out: &mut [f64]) {
-        out[0] = now.velocity.abs();
-    }
-}

@@ -10,7 +10,7 @@
 //! In a residual: plotted over the position, a flat part between two kinks, without a loop.
 //! Confused with: a stiffening spring (no kinks), presliding hysteresis (a loop).
 
-use super::{Axis, Effect, Instant, Law, Regressor, Shape, Term};
+use super::{Effect, Shape, Term};
 
 pub(super) const EFFECT: Effect = Effect {
     id: "backlash",
@@ -18,19 +18,9 @@ pub(super) const EFFECT: Effect = Effect {
     words: "backlash",
     experiment: "very slow load and unload through zero force, with the position read finely: the \
                  flat part is the gap",
-    regressor: &Backlash,
-};
-
-struct Backlash;
-
-impl Regressor for Backlash {
-    fn applies(&self, axis: &Axis) -> bool {
-        axis.spring
-    }
-    fn terms(&self, axis: &Axis) -> Vec<Term> {
-        vec![Term::positive("stiffness_lost", axis.units.stiffness)]
-    }
-    fn shapes(&self, axis: &Axis) -> Vec<Shape> {
+    applies: |axis| axis.spring,
+    terms: |axis| vec![Term::positive("stiffness_lost", axis.units.stiffness)],
+    shapes: |axis| {
         let (low, travel) = (axis.positions.0, axis.travel());
         vec![
             Shape::by_factors("gap", axis.units.position, (0.005 * travel, 0.6 * travel), 8),
@@ -41,15 +31,10 @@ impl Regressor for Backlash {
                 17,
             ),
         ]
-    }
-    fn law(&self) -> Option<&dyn Law> {
-        Some(self)
-    }
-}
-
-impl Law for Backlash {
-    fn force(&self, now: &Instant, shapes: &[f64], _: &[f64], out: &mut [f64]) {
+    },
+    force: Some(|now, shapes, _, out| {
         let half = 0.5 * shapes[0];
         out[0] = -(now.position - shapes[1]).clamp(-half, half);
-    }
-}
+    }),
+    ..Effect::NONE
+};

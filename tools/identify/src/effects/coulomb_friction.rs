@@ -10,7 +10,7 @@
 //! hysteresis (the step extends over a travel instead of a speed), load-dependent friction where
 //! the load hardly varies.
 
-use super::{Axis, Effect, Instant, Law, Regressor, Term};
+use super::{Effect, Term};
 
 pub(super) const EFFECT: Effect = Effect {
     id: "coulomb_friction",
@@ -18,25 +18,8 @@ pub(super) const EFFECT: Effect = Effect {
     words: "Coulomb friction",
     experiment: "slow strokes at several constant speeds, both ways: the force that is left at \
                  vanishing speed is Coulomb friction",
-    regressor: &CoulombFriction,
+    uses_sign: true,
+    terms: |axis| vec![Term::positive("coulomb", axis.units.force)],
+    force: Some(|now, _, _, out| out[0] = now.sign),
+    ..Effect::NONE
 };
-
-struct CoulombFriction;
-
-impl Regressor for CoulombFriction {
-    fn uses_sign(&self) -> bool {
-        true
-    }
-    fn terms(&self, axis: &Axis) -> Vec<Term> {
-        vec![Term::positive("coulomb", axis.units.force)]
-    }
-    fn law(&self) -> Option<&dyn Law> {
-        Some(self)
-    }
-}
-
-impl Law for CoulombFriction {
-    fn force(&self, now: &Instant, _: &[f64], _: &[f64], out: &mut [f64]) {
-        out[0] = now.sign;
-    }
-}

@@ -10,7 +10,7 @@
 //! In a residual: plotted over the acceleration, a straight line. Confused with: a wrong scale of
 //! the force, dead time beside a spring.
 
-use super::{Axis, Declared, Effect, Regressor, Term, View};
+use super::{Declared, Effect, Term};
 
 pub(super) const EFFECT: Effect = Effect {
     id: "extra_inertia",
@@ -18,22 +18,9 @@ pub(super) const EFFECT: Effect = Effect {
     words: "mass beyond the declared tolerance",
     experiment: "quick reversals with and without a known mass clamped on: the known mass gives \
                  the scale of force",
-    regressor: &ExtraInertia,
+    lifts: Some(Declared::Mass),
+    linear: true,
+    terms: |axis| vec![Term::positive("mass_beyond_declared", axis.units.mass)],
+    columns: Some(|view, _| vec![view.signals.acceleration.clone()]),
+    ..Effect::NONE
 };
-
-struct ExtraInertia;
-
-impl Regressor for ExtraInertia {
-    fn lifts(&self) -> Option<Declared> {
-        Some(Declared::Mass)
-    }
-    fn linear(&self) -> bool {
-        true
-    }
-    fn terms(&self, axis: &Axis) -> Vec<Term> {
-        vec![Term::positive("mass_beyond_declared", axis.units.mass)]
-    }
-    fn columns(&self, view: &View<'_>, _: &[f64]) -> Vec<Vec<f64>> {
-        vec![view.signals.acceleration.clone()]
-    }
-}

@@ -8,7 +8,7 @@
 //! In a residual: plotted over the position, one wave per turn, equal in both directions. Confused
 //! with: a spring (over a small angle), an offset, torque ripple of low order.
 
-use super::{Axis, Effect, Instant, Law, Regressor, Term};
+use super::{Effect, Term};
 
 pub(super) const EFFECT: Effect = Effect {
     id: "gravity_imbalance",
@@ -16,25 +16,8 @@ pub(super) const EFFECT: Effect = Effect {
     words: "a centre of mass off the axis (gravity)",
     experiment: "the same slow stroke with the axis turned by 90°, or upright: gravity follows, a \
                  spring does not",
-    regressor: &GravityImbalance,
+    applies: |axis| axis.rotary && axis.travel() > 0.3,
+    terms: Term::sine_and_cosine,
+    force: Some(|now, _, _, out| (out[0], out[1]) = now.position.sin_cos()),
+    ..Effect::NONE
 };
-
-struct GravityImbalance;
-
-impl Regressor for GravityImbalance {
-    fn applies(&self, axis: &Axis) -> bool {
-        axis.rotary && axis.travel() > 0.3
-    }
-    fn terms(&self, axis: &Axis) -> Vec<Term> {
-        vec![Term::free("sine", axis.units.force), Term::free("cosine", axis.units.force)]
-    }
-    fn law(&self) -> Option<&dyn Law> {
-        Some(self)
-    }
-}
-
-impl Law for GravityImbalance {
-    fn force(&self, now: &Instant, _: &[f64], _: &[f64], out: &mut [f64]) {
-        (out[0], out[1]) = now.position.sin_cos();
-    }
-}

@@ -10,7 +10,7 @@
 //! In a residual: plotted over the position, a straight line. Confused with: a wrong scale of force
 //! or position, a relaxing branch in records much slower or much faster than its relaxation.
 
-use super::{Axis, Declared, Effect, Regressor, Term, View};
+use super::{Declared, Effect, Term};
 
 pub(super) const EFFECT: Effect = Effect {
     id: "line_compliance",
@@ -18,25 +18,10 @@ pub(super) const EFFECT: Effect = Effect {
     words: "compliance in series (a stiffness outside of its declared tolerance)",
     experiment: "slow load and unload in steps, with the position measured on both sides of each \
                  clamp: what gives way is the compliance",
-    regressor: &LineCompliance,
+    lifts: Some(Declared::Stiffness),
+    applies: |axis| axis.spring,
+    linear: true,
+    terms: |axis| vec![Term::free("stiffness_beyond_declared", axis.units.stiffness)],
+    columns: Some(|view, _| vec![view.signals.position.clone()]),
+    ..Effect::NONE
 };
-
-struct LineCompliance;
-
-impl Regressor for LineCompliance {
-    fn lifts(&self) -> Option<Declared> {
-        Some(Declared::Stiffness)
-    }
-    fn applies(&self, axis: &Axis) -> bool {
-        axis.spring
-    }
-    fn linear(&self) -> bool {
-        true
-    }
-    fn terms(&self, axis: &Axis) -> Vec<Term> {
-        vec![Term::free("stiffness_beyond_declared", axis.units.stiffness)]
-    }
-    fn columns(&self, view: &View<'_>, _: &[f64]) -> Vec<Vec<f64>> {
-        vec![view.signals.position.clone()]
-    }
-}

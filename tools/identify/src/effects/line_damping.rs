@@ -9,7 +9,7 @@
 //! widen with frequency. Confused with: a relaxing branch faster than the movement, viscous
 //! friction, dead time.
 
-use super::{Axis, Declared, Effect, Regressor, Term, View};
+use super::{Declared, Effect, Term};
 
 pub(super) const EFFECT: Effect = Effect {
     id: "line_damping",
@@ -18,25 +18,10 @@ pub(super) const EFFECT: Effect = Effect {
     experiment: "sines of the same amplitude at frequencies spaced by factors of two: the loop of \
                  a damper grows with frequency, that of a relaxing branch has a largest one, that \
                  of friction stays",
-    regressor: &LineDamping,
+    lifts: Some(Declared::Viscous),
+    applies: |axis| axis.spring,
+    linear: true,
+    terms: |axis| vec![Term::positive("damping_beyond_declared", axis.units.damping)],
+    columns: Some(|view, _| vec![view.signals.velocity.clone()]),
+    ..Effect::NONE
 };
-
-struct LineDamping;
-
-impl Regressor for LineDamping {
-    fn lifts(&self) -> Option<Declared> {
-        Some(Declared::Viscous)
-    }
-    fn applies(&self, axis: &Axis) -> bool {
-        axis.spring
-    }
-    fn linear(&self) -> bool {
-        true
-    }
-    fn terms(&self, axis: &Axis) -> Vec<Term> {
-        vec![Term::positive("damping_beyond_declared", axis.units.damping)]
-    }
-    fn columns(&self, view: &View<'_>, _: &[f64]) -> Vec<Vec<f64>> {
-        vec![view.signals.velocity.clone()]
-    }
-}

@@ -10,7 +10,7 @@
 //! nothing without load. Confused with: Coulomb friction (constant load), a wrong scale of the
 //! force.
 
-use super::{Axis, Effect, Regressor, Term, View};
+use super::{Effect, Term};
 
 pub(super) const EFFECT: Effect = Effect {
     id: "load_dependent_friction",
@@ -18,22 +18,11 @@ pub(super) const EFFECT: Effect = Effect {
     words: "friction that grows with the load",
     experiment: "the same strokes with two different known loads: Coulomb friction stays, \
                  load-dependent friction grows in proportion",
-    regressor: &LoadDependentFriction,
-};
-
-struct LoadDependentFriction;
-
-impl Regressor for LoadDependentFriction {
-    fn uses_sign(&self) -> bool {
-        true
-    }
-    fn uses_model(&self) -> bool {
-        true
-    }
-    fn terms(&self, _: &Axis) -> Vec<Term> {
-        vec![Term { bound: (0.0, 0.9), ..Term::positive("coefficient", "1") }]
-    }
-    fn columns(&self, view: &View<'_>, _: &[f64]) -> Vec<Vec<f64>> {
+    uses_sign: true,
+    uses_model: true,
+    terms: |_| vec![Term { bound: (0.0, 0.9), ..Term::positive("coefficient", "1") }],
+    columns: Some(|view, _| {
         vec![view.model.iter().zip(view.sign).map(|(f, s)| f.abs() * s).collect()]
-    }
-}
+    }),
+    ..Effect::NONE
+};

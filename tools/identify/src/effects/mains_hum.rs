@@ -10,7 +10,7 @@
 //! be distinguished from it in one channel and is reported as hum. Confused with: periodic
 //! disturbance.
 
-use super::{Axis, Effect, Instant, Law, Regressor, Shape, Spacing, Term, waves};
+use super::{Effect, Shape, Spacing, Term, waves};
 
 pub(super) const EFFECT: Effect = Effect {
     id: "mains_hum",
@@ -18,35 +18,18 @@ pub(super) const EFFECT: Effect = Effect {
     words: "mains frequency in the measured force (hum)",
     experiment: "the same record at rest with the motor's supply off: hum stays, a vibration of \
                  the machine does not",
-    regressor: &MainsHum,
-};
-
-struct MainsHum;
-
-impl Regressor for MainsHum {
-    fn applies(&self, axis: &Axis) -> bool {
-        axis.cut_off > 35.0
-    }
-    fn is_tone(&self) -> bool {
-        true
-    }
-    fn terms(&self, axis: &Axis) -> Vec<Term> {
-        vec![Term::free("sine", axis.units.force), Term::free("cosine", axis.units.force)]
-    }
-    fn shapes(&self, axis: &Axis) -> Vec<Shape> {
+    applies: |axis| axis.cut_off > 35.0,
+    is_tone: true,
+    terms: Term::sine_and_cosine,
+    shapes: |axis| {
         let points = 2 * waves::points(0.2 * axis.seconds);
         vec![Shape {
             spacing: Spacing::Mains,
             ..Shape::by_steps("frequency", "Hz", (49.9, 60.1), points)
         }]
-    }
-    fn law(&self) -> Option<&dyn Law> {
-        Some(self)
-    }
-}
-
-impl Law for MainsHum {
-    fn force(&self, now: &Instant, shapes: &[f64], _: &[f64], out: &mut [f64]) {
-        (out[0], out[1]) = (std::f64::consts::TAU * shapes[0] * now.time).sin_cos();
-    }
-}
+    },
+    force: Some(|now, shapes, _, out| {
+        (out[0], out[1]) = (std::f64::consts::TAU * shapes[0] * now.time).sin_cos()
+    }),
+    ..Effect::NONE
+};

@@ -63,7 +63,21 @@ pub fn find(id: &str) -> Option<&'static Effect> {
     ALL.iter().find(|effect| effect.id == id)
 }
 
-/// A listed effect.
+/// Columns of a regression from the signals of a record and the effect's shapes.
+type Columns = fn(&View<'_>, &[f64]) -> Vec<Vec<f64>>;
+
+/// Force per unit amplitude at an instant, from the effect's shapes and states: one value per term,
+/// positive against the input.
+type Force = fn(&Instant, &[f64], &[f64], &mut [f64]);
+
+/// Output of an amplifier for a command sampled at a step (s), from amplitudes and shapes.
+type Deliver = fn(&[f64], f64, &[f64], &[f64]) -> Vec<f64>;
+
+/// A listed effect, as each declares itself in its own file.
+///
+/// Columns are functions of the filtered motion. Nonlinear ones are low-passed by the caller: the
+/// measured force is low-passed too, so that both sides of the balance have passed the same filter.
+#[derive(Clone, Copy, Debug)]
 pub struct Effect {
     /// Fixed id, as in rig files and results.
     pub id: &'static str,
@@ -73,8 +87,70 @@ pub struct Effect {
     pub words: &'static str,
     /// The experiment that would settle what one run leaves open about it.
     pub experiment: &'static str,
-    /// Its columns in the regression of the force on the motion.
-    pub regressor: &'static dyn Regressor,
+    /// Effects that must be in the model already, because without them this one would imitate them.
+    pub needs: &'static [&'static str],
+    /// The simpler effect that this one contains as a limiting case. Where the simpler one explains
+    /// as much, it is chosen, and the two are not reported as rivals.
+    pub refines: Option<&'static str>,
+    /// The declared parameter whose bounds it lifts, for effects that act like a changed parameter.
+    /// Such an effect is a candidate only where the fitted value is at the bound of its tolerance;
+    /// where the parameter is not declared, the effect has a column of its own.
+    pub lifts: Option<Declared>,
+    /// Whether it can occur on an axis.
+    pub applies: fn(&Axis) -> bool,
+    /// Whether its columns depend on the smoothed sign of the velocity.
+    pub uses_sign: bool,
+    /// Whether its columns are computed from the force that the model predicts.
+    pub uses_model: bool,
+    /// Whether its columns are linear in signals that are already low-passed.
+    pub linear: bool,
+    /// Whether its columns are a sine and a cosine of time, with the frequency as the only shape.
+    pub is_tone: bool,
+    /// The time (s) by which it shifts the force, from amplitudes and shapes, for effects that do
+    /// nothing else. A shift of about one sampling period is caused by sampling and zero-order hold
+    /// and is not reported as an effect.
+    pub shift: fn(&[f64], &[f64]) -> Option<f64>,
+    /// Linear amplitudes.
+    pub terms: fn(&Axis) -> Vec<Term>,
+    /// Nonlinear parameters.
+    pub shapes: fn(&Axis) -> Vec<Shape>,
+    /// One column per term at the full rate, for effects whose columns are not [`Self::force`] at
+    /// each row.
+    pub columns: Option<Columns>,
+    /// Number of states of its own in the simulation; they start at 0.
+    pub states: usize,
+    /// Their time derivative, from the motion, the shapes and the states.
+    pub rates: fn(&Instant, &[f64], &[f64], &mut [f64]),
+    /// The effect as a force at an instant, if it can be written as one.
+    pub force: Option<Force>,
+    /// What the amplifier puts out, for effects of the amplifier.
+    pub deliver: Option<Deliver>,
+}
+
+impl Effect {
+    /// Without terms: what an effect does not declare.
+    pub const NONE: Self = Self {
+        id: "",
+        sites: &[],
+        words: "",
+        experiment: "",
+        needs: &[],
+        refines: None,
+        lifts: None,
+        applies: |_| true,
+        uses_sign: false,
+        uses_model: false,
+        linear: false,
+        is_tone: false,
+        shift: |_, _| None,
+        terms: |_| Vec::new(),
+        shapes: |_| Vec::new(),
+        columns: None,
+        states: 0,
+        rates: |_, _, _, _| (),
+        force: None,
+        deliver: None,
+    };
 }
 
 /// Names of the units of a machine: a linear axis, a rotary axis or a circuit.
@@ -180,6 +256,10 @@ impl Term {
     /// An amplitude that is at least 0.
     pub fn positive(name: &str, unit: impl Into<String>) -> Self {
         Self { name: name.into(), unit: unit.into(), bound: (0.0, f64::INFINITY) }
+    }
+    /// The amplitudes of a wave of unknown phase.
+    pub fn sine_and_cosine(axis: &Axis) -> Vec<Self> {
+        ["sine", "cosine"].map(|name| Self::free(name, axis.units.force)).to_vec()
     }
     /// A column with the fixed amplitude 1.
     pub fn given() -> Self {
@@ -305,93 +385,33 @@ pub struct Instant {
     pub sign: f64,
 }
 
-/// An effect as a force at an instant, for simulation of the model from its input.
-pub trait Law: Sync {
-    /// Number of states of its own; they start at 0.
-    fn states(&self) -> usize {
-        0
-    }
-    /// Time derivative of the states.
-    fn rates(&self, _now: &Instant, _shapes: &[f64], _states: &[f64], _rates: &mut [f64]) {}
-    /// Force per unit amplitude, one value per term, positive against the input.
-    fn force(&self, now: &Instant, shapes: &[f64], states: &[f64], out: &mut [f64]);
-}
-
-/// An effect as columns of a regression.
-///
-/// Columns are functions of the filtered motion. Nonlinear ones are low-passed by the caller: the
-/// measured force is low-passed too, so that both sides of the balance have passed the same filter.
+/// A part of a model: a listed effect, or a nonparametric function, which overrides the methods.
 pub trait Regressor: Sync {
-    /// Effects that must be in the model already, because without them this one would imitate them.
-    fn needs(&self) -> &'static [&'static str] {
-        &[]
-    }
-    /// The simpler effect that this one contains as a limiting case. Where the simpler one explains
-    /// as much, it is chosen, and the two are not reported as rivals.
-    fn refines(&self) -> Option<&'static str> {
-        None
-    }
-    /// The declared parameter whose bounds it lifts, for effects that act like a changed parameter.
-    /// Such an effect is a candidate only where the fitted value is at the bound of its tolerance;
-    /// where the parameter is not declared, the effect has a column of its own.
-    fn lifts(&self) -> Option<Declared> {
-        None
-    }
-    /// Whether it can occur on this axis.
-    fn applies(&self, _axis: &Axis) -> bool {
-        true
-    }
-    /// Whether its columns depend on the smoothed sign of the velocity.
-    fn uses_sign(&self) -> bool {
-        false
-    }
-    /// Whether its columns are computed from the force that the model predicts.
-    fn uses_model(&self) -> bool {
-        false
-    }
-    /// Whether its columns are linear in signals that are already low-passed.
-    fn linear(&self) -> bool {
-        false
-    }
-    /// The time (s) by which it shifts the force, for effects that do nothing else. A shift of
-    /// about one sampling period is caused by sampling and zero-order hold and is not reported as
-    /// an effect.
-    fn shift(&self, _amplitudes: &[f64], _shapes: &[f64]) -> Option<f64> {
-        None
-    }
-    /// Whether its columns are a sine and a cosine of time, with the frequency as the only shape.
-    fn is_tone(&self) -> bool {
-        false
-    }
+    /// How it is declared.
+    fn declaration(&self) -> &Effect;
     /// Linear amplitudes.
-    fn terms(&self, axis: &Axis) -> Vec<Term>;
-    /// Nonlinear parameters.
-    fn shapes(&self, _axis: &Axis) -> Vec<Shape> {
-        Vec::new()
+    fn terms(&self, axis: &Axis) -> Vec<Term> {
+        (self.declaration().terms)(axis)
     }
-    /// The effect as a force at an instant, if it can be written as one.
-    fn law(&self) -> Option<&dyn Law> {
-        None
+    /// Whether it can be simulated as a force.
+    fn is_force(&self) -> bool {
+        self.declaration().force.is_some()
     }
-    /// The output for a command sampled every `step` seconds, for effects of the amplifier; `None`
-    /// for others.
-    fn deliver(
-        &self,
-        _command: &[f64],
-        _step: f64,
-        _amplitudes: &[f64],
-        _shapes: &[f64],
-    ) -> Option<Vec<f64>> {
-        None
+    /// Force per unit amplitude, as [`Effect::force`].
+    fn force(&self, now: &Instant, shapes: &[f64], states: &[f64], out: &mut [f64]) {
+        if let Some(force) = self.declaration().force {
+            force(now, shapes, states, out);
+        }
     }
-    /// One column per term at the full rate; by default from [`Self::law`], for laws without
-    /// states.
+    /// One column per term at the full rate.
     fn columns(&self, view: &View<'_>, shapes: &[f64]) -> Vec<Vec<f64>> {
+        if let Some(columns) = self.declaration().columns {
+            return columns(view, shapes);
+        }
         let signals = view.signals;
         let n = signals.time.len();
         let terms = self.terms(view.axis).len();
         let mut columns = vec![vec![0.0; n]; terms];
-        let Some(law) = self.law() else { return columns };
         let mut out = vec![0.0; terms];
         for i in 0..n {
             let now = Instant {
@@ -400,12 +420,18 @@ pub trait Regressor: Sync {
                 velocity: signals.velocity[i],
                 sign: view.sign.get(i).copied().unwrap_or(0.0),
             };
-            law.force(&now, shapes, &[], &mut out);
+            self.force(&now, shapes, &[], &mut out);
             for (column, value) in columns.iter_mut().zip(&out) {
                 column[i] = *value;
             }
         }
         columns
+    }
+}
+
+impl Regressor for Effect {
+    fn declaration(&self) -> &Effect {
+        self
     }
 }
 
@@ -418,7 +444,7 @@ mod tests {
         for (i, effect) in ALL.iter().enumerate() {
             assert!(ALL[..i].iter().all(|other| other.id != effect.id), "{}", effect.id);
             assert!(!effect.sites.is_empty() && !effect.words.is_empty());
-            for need in effect.regressor.needs().iter().chain(&effect.regressor.refines()) {
+            for need in effect.needs.iter().chain(&effect.refines) {
                 assert!(find(need).is_some(), "{need}");
             }
         }

@@ -12,34 +12,21 @@
 //! the spectrum, second and third harmonics. Confused with: a compliance outside its tolerance,
 //! backlash.
 
-use super::{Axis, Effect, Instant, Law, Regressor, Term};
+use super::{Effect, Term};
 
 pub(super) const EFFECT: Effect = Effect {
     id: "nonlinear_stiffness",
     sites: &["line", "slave"],
     words: "a spring that is not linear",
     experiment: "slow load and unload in steps over the whole travel, both ways: the curve itself",
-    regressor: &NonlinearStiffness,
-};
-
-struct NonlinearStiffness;
-
-impl Regressor for NonlinearStiffness {
-    fn applies(&self, axis: &Axis) -> bool {
-        axis.spring
-    }
-    fn terms(&self, axis: &Axis) -> Vec<Term> {
+    applies: |axis| axis.spring,
+    terms: |axis| {
         let unit = |power| format!("{}/{}{power}", axis.units.force, axis.units.position);
         vec![Term::free("cubic", unit("³")), Term::free("quadratic", unit("²"))]
-    }
-    fn law(&self) -> Option<&dyn Law> {
-        Some(self)
-    }
-}
-
-impl Law for NonlinearStiffness {
-    fn force(&self, now: &Instant, _: &[f64], _: &[f64], out: &mut [f64]) {
+    },
+    force: Some(|now, _, _, out| {
         let square = now.position * now.position;
         (out[0], out[1]) = (square * now.position, square);
-    }
-}
+    }),
+    ..Effect::NONE
+};

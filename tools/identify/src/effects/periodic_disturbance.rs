@@ -10,7 +10,7 @@
 //! In a residual: one spectral line, independent of the movement. Confused with: mains hum, torque
 //! ripple at constant speed, a periodic movement of the same frequency.
 
-use super::{Axis, Effect, Instant, Law, Regressor, Shape, Term, waves};
+use super::{Effect, Shape, Term, waves};
 
 pub(super) const EFFECT: Effect = Effect {
     id: "periodic_disturbance",
@@ -18,19 +18,9 @@ pub(super) const EFFECT: Effect = Effect {
     words: "a vibration of fixed frequency",
     experiment: "the same record with the machine at rest, and with the suspected source switched \
                  off",
-    regressor: &PeriodicDisturbance,
-};
-
-struct PeriodicDisturbance;
-
-impl Regressor for PeriodicDisturbance {
-    fn is_tone(&self) -> bool {
-        true
-    }
-    fn terms(&self, axis: &Axis) -> Vec<Term> {
-        vec![Term::free("sine", axis.units.force), Term::free("cosine", axis.units.force)]
-    }
-    fn shapes(&self, axis: &Axis) -> Vec<Shape> {
+    is_tone: true,
+    terms: Term::sine_and_cosine,
+    shapes: |axis| {
         let range = (2.0 / axis.seconds, 1.1 * axis.cut_off);
         vec![Shape::by_steps(
             "frequency",
@@ -38,15 +28,10 @@ impl Regressor for PeriodicDisturbance {
             range,
             waves::points((range.1 - range.0) * axis.seconds),
         )]
-    }
-    fn law(&self) -> Option<&dyn Law> {
-        Some(self)
-    }
-}
-
-impl Law for PeriodicDisturbance {
-    fn force(&self, now: &Instant, shapes: &[f64], _: &[f64], out: &mut [f64]) {
+    },
+    force: Some(|now, shapes, _, out| {
         let frequency = waves::beside_mains(shapes[0]);
         (out[0], out[1]) = (std::f64::consts::TAU * frequency * now.time).sin_cos();
-    }
-}
+    }),
+    ..Effect::NONE
+};

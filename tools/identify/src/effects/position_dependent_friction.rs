@@ -11,7 +11,7 @@
 //! other. Confused with: torque ripple and gravity (equal in both directions), drift where the
 //! stroke is made only once.
 
-use super::{Axis, Effect, Instant, Law, Regressor, Shape, Term};
+use super::{Effect, Shape, Term};
 
 pub(super) const EFFECT: Effect = Effect {
     id: "position_dependent_friction",
@@ -19,22 +19,10 @@ pub(super) const EFFECT: Effect = Effect {
     words: "friction that varies along the stroke",
     experiment: "the whole stroke at one slow constant speed, both ways, several times: half the \
                  difference of the two directions over the position is the friction",
-    regressor: &PositionDependentFriction,
-};
-
-struct PositionDependentFriction;
-
-impl Regressor for PositionDependentFriction {
-    fn needs(&self) -> &'static [&'static str] {
-        &["coulomb_friction"]
-    }
-    fn uses_sign(&self) -> bool {
-        true
-    }
-    fn terms(&self, axis: &Axis) -> Vec<Term> {
-        vec![Term::free("sine", axis.units.force), Term::free("cosine", axis.units.force)]
-    }
-    fn shapes(&self, axis: &Axis) -> Vec<Shape> {
+    needs: &["coulomb_friction"],
+    uses_sign: true,
+    terms: Term::sine_and_cosine,
+    shapes: |axis| {
         let wave = std::f64::consts::TAU / axis.travel();
         vec![Shape::by_steps(
             "order",
@@ -42,15 +30,10 @@ impl Regressor for PositionDependentFriction {
             (0.4 * wave, 12.0 * wave),
             59,
         )]
-    }
-    fn law(&self) -> Option<&dyn Law> {
-        Some(self)
-    }
-}
-
-impl Law for PositionDependentFriction {
-    fn force(&self, now: &Instant, shapes: &[f64], _: &[f64], out: &mut [f64]) {
+    },
+    force: Some(|now, shapes, _, out| {
         let (sine, cosine) = (shapes[0] * now.position).sin_cos();
         (out[0], out[1]) = (now.sign * sine, now.sign * cosine);
-    }
-}
+    }),
+    ..Effect::NONE
+};

@@ -12,7 +12,7 @@
 //! *position*, however slow the movement. Confused with: Coulomb friction (small travel), a Maxwell
 //! branch (a function of time instead), backlash.
 
-use super::{Axis, Effect, Instant, Law, Regressor, Shape, Term, View};
+use super::{Effect, Shape, Term};
 
 pub(super) const EFFECT: Effect = Effect {
     id: "presliding_hysteresis",
@@ -20,27 +20,17 @@ pub(super) const EFFECT: Effect = Effect {
     words: "presliding friction that builds up over a small travel",
     experiment: "small strokes about one place at two speeds that differ tenfold: presliding \
                  follows the travel, smoothing of friction the speed, a relaxing branch the time",
-    regressor: &PreslidingHysteresis,
-};
-
-struct PreslidingHysteresis;
-
-impl Regressor for PreslidingHysteresis {
-    fn refines(&self) -> Option<&'static str> {
-        Some("coulomb_friction")
-    }
-    fn terms(&self, axis: &Axis) -> Vec<Term> {
-        vec![Term::positive("bristle_force", axis.units.force)]
-    }
-    fn shapes(&self, axis: &Axis) -> Vec<Shape> {
+    refines: Some("coulomb_friction"),
+    terms: |axis| vec![Term::positive("bristle_force", axis.units.force)],
+    shapes: |axis| {
         vec![Shape::by_factors(
             "travel",
             axis.units.position,
             (1e-4 * axis.travel(), 0.1 * axis.travel()),
             7,
         )]
-    }
-    fn columns(&self, view: &View<'_>, shapes: &[f64]) -> Vec<Vec<f64>> {
+    },
+    columns: Some(|view, shapes| {
         let mut state = 0.0;
         let mut last = view.signals.position.first().copied().unwrap_or(0.0);
         // Exact for a movement that keeps its direction between samples.
@@ -54,20 +44,11 @@ impl Regressor for PreslidingHysteresis {
             state
         };
         vec![view.signals.position.iter().map(bristle).collect()]
-    }
-    fn law(&self) -> Option<&dyn Law> {
-        Some(self)
-    }
-}
-
-impl Law for PreslidingHysteresis {
-    fn states(&self) -> usize {
-        1
-    }
-    fn rates(&self, now: &Instant, shapes: &[f64], states: &[f64], rates: &mut [f64]) {
-        rates[0] = (now.velocity - now.velocity.abs() * states[0]) / shapes[0];
-    }
-    fn force(&self, _: &Instant, _: &[f64], states: &[f64], out: &mut [f64]) {
-        out[0] = states[0];
-    }
-}
+    }),
+    states: 1,
+    rates: |now, shapes, states, rates| {
+        rates[0] = (now.velocity - now.velocity.abs() * states[0]) / shapes[0]
+    },
+    force: Some(|_, _, states, out| out[0] = states[0]),
+    ..Effect::NONE
+};

@@ -9,7 +9,7 @@
 //! In a residual: plotted over the velocity, an S that is steeper at both ends. Confused with:
 //! viscous friction (over a narrow range of speed), negative Stribeck friction.
 
-use super::{Axis, Effect, Instant, Law, Regressor, Term};
+use super::{Effect, Term};
 
 pub(super) const EFFECT: Effect = Effect {
     id: "quadratic_drag",
@@ -17,25 +17,12 @@ pub(super) const EFFECT: Effect = Effect {
     words: "drag that grows with the square of speed",
     experiment: "constant speeds up to the highest that the drive can hold, both ways: drag \
                  quadruples when speed doubles",
-    regressor: &QuadraticDrag,
-};
-
-struct QuadraticDrag;
-
-impl Regressor for QuadraticDrag {
-    fn terms(&self, axis: &Axis) -> Vec<Term> {
+    terms: |axis| {
         vec![Term::positive(
             "coefficient",
             format!("{}·({})⁻²", axis.units.force, axis.units.velocity),
         )]
-    }
-    fn law(&self) -> Option<&dyn Law> {
-        Some(self)
-    }
-}
-
-impl Law for QuadraticDrag {
-    fn force(&self, now: &Instant, _: &[f64], _: &[f64], out: &mut [f64]) {
-        out[0] = now.velocity.abs() * now.velocity;
-    }
-}
+    },
+    force: Some(|now, _, _, out| out[0] = now.velocity.abs() * now.velocity),
+    ..Effect::NONE
+};

@@ -9,29 +9,14 @@
 //! thermal drift of friction (which changes sign with the velocity), relaxation of an element that
 //! is held.
 
-use super::{Axis, Effect, Instant, Law, Regressor, Term};
+use super::{Effect, Term};
 
 pub(super) const EFFECT: Effect = Effect {
     id: "sensor_drift",
     sites: &["sensor"],
     words: "a zero of the force that wanders",
     experiment: "the unloaded channel recorded for as long as the run, before and after it",
-    regressor: &SensorDrift,
+    terms: |axis| vec![Term::free("rate", format!("{}/s", axis.units.force))],
+    force: Some(|now, _, _, out| out[0] = now.time),
+    ..Effect::NONE
 };
-
-struct SensorDrift;
-
-impl Regressor for SensorDrift {
-    fn terms(&self, axis: &Axis) -> Vec<Term> {
-        vec![Term::free("rate", format!("{}/s", axis.units.force))]
-    }
-    fn law(&self) -> Option<&dyn Law> {
-        Some(self)
-    }
-}
-
-impl Law for SensorDrift {
-    fn force(&self, now: &Instant, _: &[f64], _: &[f64], out: &mut [f64]) {
-        out[0] = now.time;
-    }
-}

@@ -11,7 +11,7 @@
 //! In a residual: a spike on either side of a reversal. Confused with: presliding hysteresis, a
 //! wrong smoothing speed.
 
-use super::{Axis, Effect, Instant, Law, Regressor, Shape, Term};
+use super::{Effect, Shape, Term};
 
 pub(super) const EFFECT: Effect = Effect {
     id: "stribeck_friction",
@@ -19,32 +19,15 @@ pub(super) const EFFECT: Effect = Effect {
     words: "friction that falls with speed near standstill (Stribeck)",
     experiment: "constant speeds spaced by factors of two down to the slowest that the drive can \
                  hold, both ways",
-    regressor: &StribeckFriction,
-};
-
-struct StribeckFriction;
-
-impl Regressor for StribeckFriction {
-    fn needs(&self) -> &'static [&'static str] {
-        &["coulomb_friction"]
-    }
-    fn uses_sign(&self) -> bool {
-        true
-    }
-    fn terms(&self, axis: &Axis) -> Vec<Term> {
-        vec![Term::positive("stribeck", axis.units.force)]
-    }
-    fn shapes(&self, axis: &Axis) -> Vec<Shape> {
+    needs: &["coulomb_friction"],
+    uses_sign: true,
+    terms: |axis| vec![Term::positive("stribeck", axis.units.force)],
+    shapes: |axis| {
         let range = (0.01 * axis.velocity_peak, 0.35 * axis.velocity_peak);
         vec![Shape::by_factors("stribeck_speed", axis.units.velocity, range, 7)]
-    }
-    fn law(&self) -> Option<&dyn Law> {
-        Some(self)
-    }
-}
-
-impl Law for StribeckFriction {
-    fn force(&self, now: &Instant, shapes: &[f64], _: &[f64], out: &mut [f64]) {
-        out[0] = now.sign * (-(now.velocity / shapes[0]).powi(2)).exp();
-    }
-}
+    },
+    force: Some(|now, shapes, _, out| {
+        out[0] = now.sign * (-(now.velocity / shapes[0]).powi(2)).exp()
+    }),
+    ..Effect::NONE
+};

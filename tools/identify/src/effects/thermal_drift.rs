@@ -13,7 +13,7 @@
 //! velocity. Confused with: drift of a sensor (which does not change sign with the velocity),
 //! differences between records.
 
-use super::{Axis, Effect, Instant, Law, Regressor, Shape, Term};
+use super::{Effect, Shape, Term};
 
 pub(super) const EFFECT: Effect = Effect {
     id: "thermal_drift",
@@ -21,35 +21,20 @@ pub(super) const EFFECT: Effect = Effect {
     words: "friction that drifts as the machine warms",
     experiment: "the same movement for ten times as long, begun cold, with the temperature \
                  recorded",
-    regressor: &ThermalDrift,
-};
-
-struct ThermalDrift;
-
-impl Regressor for ThermalDrift {
-    fn refines(&self) -> Option<&'static str> {
-        Some("coulomb_friction")
-    }
-    fn uses_sign(&self) -> bool {
-        true
-    }
-    fn terms(&self, axis: &Axis) -> Vec<Term> {
+    refines: Some("coulomb_friction"),
+    uses_sign: true,
+    terms: |axis| {
         vec![
             Term::free("coulomb_excess", axis.units.force),
             Term::free("viscous_excess", axis.units.damping),
         ]
-    }
-    fn shapes(&self, axis: &Axis) -> Vec<Shape> {
+    },
+    shapes: |axis| {
         vec![Shape::by_factors("time_constant", "s", (0.03 * axis.seconds, 0.4 * axis.seconds), 6)]
-    }
-    fn law(&self) -> Option<&dyn Law> {
-        Some(self)
-    }
-}
-
-impl Law for ThermalDrift {
-    fn force(&self, now: &Instant, shapes: &[f64], _: &[f64], out: &mut [f64]) {
+    },
+    force: Some(|now, shapes, _, out| {
         let cold = (-now.time / shapes[0]).exp();
         (out[0], out[1]) = (now.sign * cold, now.velocity * cold);
-    }
-}
+    }),
+    ..Effect::NONE
+};

@@ -14,7 +14,7 @@
 
 use std::f64::consts::TAU;
 
-use super::{Axis, Effect, Regressor, Shape, Term, View, waves};
+use super::{Axis, Effect, Shape, Term, waves};
 
 pub(super) const EFFECT: Effect = Effect {
     id: "torque_ripple",
@@ -22,31 +22,24 @@ pub(super) const EFFECT: Effect = Effect {
     words: "torque that varies with the motor's angle (ripple)",
     experiment: "the whole stroke at one slow constant speed, both ways, recorded fast enough for \
                  ten samples a wave",
-    regressor: &TorqueRipple,
-};
-
-struct TorqueRipple;
-
-impl Regressor for TorqueRipple {
-    fn applies(&self, axis: &Axis) -> bool {
+    applies: |axis| {
         let (low, high) = orders(axis);
         !axis.spring && low < high
-    }
-    fn terms(&self, axis: &Axis) -> Vec<Term> {
-        vec![Term::free("sine", axis.units.force), Term::free("cosine", axis.units.force)]
-    }
-    fn shapes(&self, axis: &Axis) -> Vec<Shape> {
+    },
+    terms: Term::sine_and_cosine,
+    shapes: |axis| {
         let (low, high) = orders(axis);
         let unit = if axis.turn.is_some() { "waves/turn" } else { "waves/m" };
         // Orders that differ by one wave over the travel can just be resolved.
         let points = waves::points((high - low) * axis.travel() / axis.turn.unwrap_or(1.0));
         vec![Shape::by_steps("order", unit, (low, high), points)]
-    }
-    fn columns(&self, view: &View<'_>, shapes: &[f64]) -> Vec<Vec<f64>> {
+    },
+    columns: Some(|view, shapes| {
         let wave = TAU * shapes[0] / view.axis.turn.unwrap_or(1.0);
         waves::pair(&view.signals.position, wave)
-    }
-}
+    }),
+    ..Effect::NONE
+};
 
 /// Lowest and highest order that the records can show.
 fn orders(axis: &Axis) -> (f64, f64) {

@@ -12,7 +12,7 @@
 //! zero-order hold of the command alone delays it by half a period, and computing time in the loop
 //! by one more.
 
-use super::{Axis, Effect, Regressor, Shape, Term, View, waves};
+use super::{Effect, Shape, Term, waves};
 use crate::input::step_of;
 
 /// The experiment that distinguishes a lag from dead time.
@@ -25,34 +25,19 @@ pub(super) const EFFECT: Effect = Effect {
     sites: &["drive", "line", "sensor"],
     words: "dead time between force and motion",
     experiment: LAG_OR_DEAD_TIME,
-    regressor: &TransportDelay,
-};
-
-struct TransportDelay;
-
-impl Regressor for TransportDelay {
-    fn uses_model(&self) -> bool {
-        true
-    }
-    fn linear(&self) -> bool {
-        true
-    }
-    fn shift(&self, _: &[f64], shapes: &[f64]) -> Option<f64> {
-        shapes.first().copied()
-    }
-    fn terms(&self, _: &Axis) -> Vec<Term> {
-        vec![Term::given()]
-    }
-    fn shapes(&self, axis: &Axis) -> Vec<Shape> {
+    uses_model: true,
+    linear: true,
+    shift: |_, shapes| shapes.first().copied(),
+    terms: |_| vec![Term::given()],
+    shapes: |axis| {
         let longest = 1.0 / axis.cut_off;
         vec![Shape::by_steps("delay", "s", (-longest, longest), 20)]
-    }
-    fn columns(&self, view: &View<'_>, shapes: &[f64]) -> Vec<Vec<f64>> {
+    },
+    columns: Some(|view, shapes| {
         let step = step_of(&view.signals.time).unwrap_or(1.0);
         let late = waves::shifted(view.model, shapes[0] / step);
         vec![late.iter().zip(view.model).map(|(late, now)| late - now).collect()]
-    }
-    fn deliver(&self, command: &[f64], step: f64, _: &[f64], shapes: &[f64]) -> Option<Vec<f64>> {
-        Some(waves::shifted(command, -shapes[0] / step))
-    }
-}
+    }),
+    deliver: Some(|command, step, _, shapes| waves::shifted(command, -shapes[0] / step)),
+    ..Effect::NONE
+};

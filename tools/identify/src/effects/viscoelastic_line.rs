@@ -13,7 +13,7 @@
 //! maximum over frequency. Confused with: damping (movement slower than the relaxation), stiffness
 //! (faster), leakage (decays to zero).
 
-use super::{Axis, Effect, Instant, Law, Regressor, Shape, Term, View};
+use super::{Effect, Shape, Term};
 
 pub(super) const EFFECT: Effect = Effect {
     id: "viscoelastic_line",
@@ -21,26 +21,14 @@ pub(super) const EFFECT: Effect = Effect {
     words: "a relaxing branch (viscoelasticity)",
     experiment: "a step that is held for ten times the relaxation, and sines of the same amplitude \
                  at frequencies spaced by factors of two",
-    regressor: &ViscoelasticLine,
-};
-
-struct ViscoelasticLine;
-
-impl Regressor for ViscoelasticLine {
-    fn applies(&self, axis: &Axis) -> bool {
-        axis.spring
-    }
-    fn terms(&self, axis: &Axis) -> Vec<Term> {
-        vec![Term::positive("branch_stiffness", axis.units.stiffness)]
-    }
-    fn shapes(&self, axis: &Axis) -> Vec<Shape> {
+    applies: |axis| axis.spring,
+    linear: true,
+    terms: |axis| vec![Term::positive("branch_stiffness", axis.units.stiffness)],
+    shapes: |axis| {
         let fastest = 0.5 / (std::f64::consts::TAU * axis.cut_off);
         vec![Shape::by_factors("relaxation", "s", (fastest, axis.seconds / 3.0), 10)]
-    }
-    fn linear(&self) -> bool {
-        true
-    }
-    fn columns(&self, view: &View<'_>, shapes: &[f64]) -> Vec<Vec<f64>> {
+    },
+    columns: Some(|view, shapes| {
         let (time, position) = (&view.signals.time, &view.signals.position);
         let mut stretch = 0.0;
         let mut column = vec![0.0; position.len()];
@@ -52,20 +40,9 @@ impl Regressor for ViscoelasticLine {
             column[i] = stretch;
         }
         vec![column]
-    }
-    fn law(&self) -> Option<&dyn Law> {
-        Some(self)
-    }
-}
-
-impl Law for ViscoelasticLine {
-    fn states(&self) -> usize {
-        1
-    }
-    fn rates(&self, now: &Instant, shapes: &[f64], states: &[f64], rates: &mut [f64]) {
-        rates[0] = now.velocity - states[0] / shapes[0];
-    }
-    fn force(&self, _: &Instant, _: &[f64], states: &[f64], out: &mut [f64]) {
-        out[0] = states[0];
-    }
-}
+    }),
+    states: 1,
+    rates: |now, shapes, states, rates| rates[0] = now.velocity - states[0] / shapes[0],
+    force: Some(|_, _, states, out| out[0] = states[0]),
+    ..Effect::NONE
+};

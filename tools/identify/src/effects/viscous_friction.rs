@@ -9,7 +9,7 @@
 //! In a residual: plotted over the velocity, a straight line. Confused with: quadratic drag,
 //! damping by a hand, damping in the line.
 
-use super::{Axis, Declared, Effect, Regressor, Term, View};
+use super::{Declared, Effect, Term};
 
 pub(super) const EFFECT: Effect = Effect {
     id: "viscous_friction",
@@ -17,22 +17,9 @@ pub(super) const EFFECT: Effect = Effect {
     words: "viscous friction beyond the declared tolerance",
     experiment: "strokes at several constant speeds, both ways: the slope of force over speed is \
                  the viscous friction",
-    regressor: &ViscousFriction,
+    lifts: Some(Declared::Viscous),
+    linear: true,
+    terms: |axis| vec![Term::positive("viscous_beyond_declared", axis.units.damping)],
+    columns: Some(|view, _| vec![view.signals.velocity.clone()]),
+    ..Effect::NONE
 };
-
-struct ViscousFriction;
-
-impl Regressor for ViscousFriction {
-    fn lifts(&self) -> Option<Declared> {
-        Some(Declared::Viscous)
-    }
-    fn linear(&self) -> bool {
-        true
-    }
-    fn terms(&self, axis: &Axis) -> Vec<Term> {
-        vec![Term::positive("viscous_beyond_declared", axis.units.damping)]
-    }
-    fn columns(&self, view: &View<'_>, _: &[f64]) -> Vec<Vec<f64>> {
-        vec![view.signals.velocity.clone()]
-    }
-}

@@ -70,7 +70,7 @@ impl RegressionModel {
         let places = self.places(structure);
         let settled = places.iter().take_while(|place| place.end <= known.len().max(1)).count();
         // An effect without shapes counts as settled, but may be new all the same.
-        let last_is_new = structure.effects.last().is_some_and(|e| e.uses_sign());
+        let last_is_new = structure.effects.last().is_some_and(|e| e.declaration().uses_sign);
         let smoothing = match known.first() {
             Some(held) if how == ShapeSearch::Fixed || !last_is_new => vec![*held],
             _ => grid(&shapes[..1]).into_iter().flatten().collect(),

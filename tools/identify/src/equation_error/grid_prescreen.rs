@@ -39,8 +39,13 @@ pub(super) fn grid_prescreen(
             residual(&columns[b.record], &regression.balances[b.record].force, &fit.coefficients, b)
         })
         .collect();
-    if effect.is_tone() {
-        return Some(tones(regression, blocks, &left, &effect.shapes(&regression.axis)));
+    if effect.declaration().is_tone {
+        return Some(tones(
+            regression,
+            blocks,
+            &left,
+            &(effect.declaration().shapes)(&regression.axis),
+        ));
     }
     let bounds: Vec<_> = effect.terms(&regression.axis).iter().map(|t| t.bound).collect();
     let thin: Vec<_> = regression.balances.iter().map(|b| b.signals.thin()).collect();

@@ -122,12 +122,12 @@ impl RegressionModel {
 
     /// Whether an effect frees a declared parameter instead of having a column of its own.
     pub fn frees(&self, effect: &dyn Regressor) -> bool {
-        effect.lifts().is_some_and(|which| self.declares(Column::of(which)))
+        effect.declaration().lifts.is_some_and(|which| self.declares(Column::of(which)))
     }
 
     /// Whether anything in the structure depends on the smoothed sign.
     pub fn uses_sign(&self, structure: &Structure<'_>) -> bool {
-        structure.effects.iter().any(|e| e.uses_sign()) || self.declares(Column::Sign)
+        structure.effects.iter().any(|e| e.declaration().uses_sign) || self.declares(Column::Sign)
     }
 
     /// The smoothing speed of the sign, then the shapes of the effects.
@@ -136,7 +136,7 @@ impl RegressionModel {
         let points = if self.uses_sign(structure) { 7 } else { 1 };
         let mut shapes =
             vec![Shape::by_factors("smoothing_speed", self.axis.units.velocity, range, points)];
-        shapes.extend(structure.effects.iter().flat_map(|e| e.shapes(&self.axis)));
+        shapes.extend(structure.effects.iter().flat_map(|e| (e.declaration().shapes)(&self.axis)));
         shapes
     }
 
@@ -153,8 +153,9 @@ impl RegressionModel {
     /// Bounds of all amplitudes: of declared parameters their tolerances, unless an effect lifts
     /// them; of effects their physical limits.
     pub fn bounds(&self, structure: &Structure<'_>) -> Vec<Bound> {
-        let lifted =
-            |column| structure.effects.iter().any(|e| e.lifts().map(Column::of) == Some(column));
+        let lifted = |column| {
+            structure.effects.iter().any(|e| e.declaration().lifts.map(Column::of) == Some(column))
+        };
         let declared = self.parameters.iter().map(|p| match p.column {
             // Mass, damping and stiffness cannot be negative, whatever the tolerance.
             Column::One => (p.declared - p.spread, p.declared + p.spread),
@@ -191,7 +192,7 @@ impl RegressionModel {
             return Vec::new();
         }
         let columns = effect.columns(view, shapes);
-        match effect.linear() {
+        match effect.declaration().linear {
             true => columns,
             false => columns.iter().map(|c| view.signals.low_passed(c)).collect(),
         }
@@ -216,7 +217,7 @@ impl RegressionModel {
         let mut next = 1;
         let place = |effect: &&dyn Regressor| {
             let from = next;
-            next += effect.shapes(&self.axis).len();
+            next += (effect.declaration().shapes)(&self.axis).len();
             from..next
         };
         structure.effects.iter().map(place).collect()
@@ -258,7 +259,7 @@ impl RegressionModel {
             for (effect, place) in structure.effects.iter().zip(&places) {
                 let terms = self.terms_of(*effect);
                 // A clipped command is not a force required by the motion.
-                if !effect.uses_model() && !terms.iter().any(Term::is_given) {
+                if !effect.declaration().uses_model && !terms.iter().any(Term::is_given) {
                     let view = View { signals, sign: &sign, model: &[], axis: &self.axis };
                     let columns = self.full_columns(*effect, &view, &fitted.shapes[place.clone()]);
                     for (i, column) in columns.iter().enumerate() {
@@ -303,7 +304,8 @@ impl RegressionModel {
         let own = &amplitudes[amplitudes.len() - self.terms_of(effect).len()..];
         let place = self.places(structure).pop()?;
         let sampling = self.balances.iter().map(|b| b.sampling).fold(0.0, f64::max);
-        effect.shift(own, &fitted.shapes[place]).filter(|shift| shift.abs() < HELD * sampling)
+        (effect.declaration().shift)(own, &fitted.shapes[place])
+            .filter(|shift| shift.abs() < HELD * sampling)
     }
 
     /// Root mean square over some rows of the contribution of the last `terms` columns of a fit.

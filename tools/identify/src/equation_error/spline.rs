@@ -1,6 +1,6 @@
 //! Nonparametric functions of one variable, fitted to a residual that no listed effect explains.
 
-use crate::effects::{Axis, Instant, Law, Regressor, Term, View};
+use crate::effects::{Axis, Effect, Instant, Regressor, Term, View};
 use crate::equation_error::signals::Signals;
 
 /// A variable on which a residual may depend.
@@ -56,6 +56,7 @@ impl Variable {
 #[derive(Clone, Debug)]
 pub struct Spline {
     variable: Variable,
+    declaration: Effect,
     /// Abscissae of the knots, ascending.
     pub knots: Vec<f64>,
 }
@@ -78,11 +79,11 @@ impl Spline {
             0.5 * (low + (high - low) * share)
                 + 0.5 * values[(share * (values.len() - 1) as f64) as usize]
         };
-        (high > low).then(|| Self { variable, knots: (0..n).map(knot).collect() })
+        let uses_sign = variable == Variable::PositionByDirection;
+        let declaration = Effect { uses_sign, ..Effect::NONE };
+        (high > low).then(|| Self { variable, declaration, knots: (0..n).map(knot).collect() })
     }
-}
 
-impl Spline {
     /// The knot below a value, and the position of the value between it and the next, 0 to 1;
     /// values beyond the ends count as at the ends.
     fn place(&self, value: f64) -> (usize, f64) {
@@ -93,17 +94,17 @@ impl Spline {
 }
 
 impl Regressor for Spline {
-    fn uses_sign(&self) -> bool {
-        self.variable == Variable::PositionByDirection
+    fn declaration(&self) -> &Effect {
+        &self.declaration
     }
 
     fn terms(&self, axis: &Axis) -> Vec<Term> {
         self.knots.iter().map(|k| Term::free(&format!("at {k}"), axis.units.force)).collect()
     }
 
-    fn law(&self) -> Option<&dyn Law> {
+    fn is_force(&self) -> bool {
         // In a simulation the acceleration is the unknown.
-        (self.variable != Variable::Acceleration).then_some(self)
+        self.variable != Variable::Acceleration
     }
 
     fn columns(&self, view: &View<'_>, _: &[f64]) -> Vec<Vec<f64>> {
@@ -118,9 +119,7 @@ impl Regressor for Spline {
         }
         columns
     }
-}
 
-impl Law for Spline {
     fn force(&self, now: &Instant, _: &[f64], _: &[f64], out: &mut [f64]) {
         let (value, weight) = match self.variable {
             Variable::Position => (now.position, 1.0),

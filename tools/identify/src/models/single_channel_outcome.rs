@@ -132,7 +132,7 @@ fn steps(study: &Study<'_>) -> Vec<StepError> {
     for added in found.steps.iter().map(|step| &step.added) {
         let (id, structure, fitted) =
             (added.sited.effect.id, &added.model.structure, &added.model.fitted);
-        let terms = predictor.regression().terms_of(added.sited.effect.regressor);
+        let terms = predictor.regression().terms_of(added.sited.effect);
         if let (Predictor::OutputError(simulation), [first, _]) = (predictor, &terms[..]) {
             let second = [simulation.regression.terms(structure).len() - 1];
             let fit = blocks_of_role(&study.blocks, Role::Fit);

@@ -18,14 +18,15 @@ pub(super) fn effect_parameters(
     let mut amplitude = regression.parameters.len() + before;
     let mut parameters = Vec::new();
     for term in regressor.terms(&regression.axis) {
-        let (value, std) = match regressor.lifts().filter(|_| regression.frees(regressor)) {
-            // Its amplitude is the excess of the declared parameter over its declared value.
-            Some(which) => lifted(regression, fitted, which),
-            None => {
-                amplitude += 1;
-                (fitted.fit.coefficients[amplitude - 1], fitted.std[amplitude - 1])
-            }
-        };
+        let (value, std) =
+            match regressor.declaration().lifts.filter(|_| regression.frees(regressor)) {
+                // Its amplitude is the excess of the declared parameter over its declared value.
+                Some(which) => lifted(regression, fitted, which),
+                None => {
+                    amplitude += 1;
+                    (fitted.fit.coefficients[amplitude - 1], fitted.std[amplitude - 1])
+                }
+            };
         if !term.is_given() {
             parameters.push(EffectParameter {
                 name: term.name,
@@ -36,7 +37,8 @@ pub(super) fn effect_parameters(
         }
     }
     let place = regression.places(structure)[at].clone();
-    for (shape, value) in regressor.shapes(&regression.axis).into_iter().zip(&fitted.shapes[place])
+    for (shape, value) in
+        (regressor.declaration().shapes)(&regression.axis).into_iter().zip(&fitted.shapes[place])
     {
         parameters.push(EffectParameter {
             name: shape.name,

@@ -44,7 +44,7 @@ fn size(study: &Study<'_>, candidate: &FittedCandidate, blocks: &[Block]) -> f64
     let with = &candidate.model.fitted;
     match &study.predictor {
         Predictor::EquationError(regression) => {
-            let terms = regression.terms_of(candidate.sited.effect.regressor).len();
+            let terms = regression.terms_of(candidate.sited.effect).len();
             regression.size_of_last(with, terms, blocks)
         }
         Predictor::OutputError(_) => {

@@ -212,22 +212,22 @@ impl<'a> Problem<'a> {
             let (amplitudes, shapes) =
                 (coefficients.as_slice()[at..at + terms].to_vec(), shapes[place].to_vec());
             at += terms;
-            if effect.uses_sign() {
+            if effect.declaration().uses_sign {
                 dry += amplitudes.iter().map(|a| a.abs()).sum::<f64>();
             }
-            match effect.law() {
+            match (effect.is_force(), effect.declaration().deliver) {
                 _ if terms == 0 => {}
-                Some(law) => forces.push(Force { law, amplitudes, shapes }),
-                None => amplifiers.push((*effect, amplitudes, shapes)),
+                (true, _) => forces.push(Force { effect: *effect, amplitudes, shapes }),
+                (false, deliver) => amplifiers.extend(deliver.map(|own| (own, amplitudes, shapes))),
             }
         }
         let mass = of(Column::Acceleration);
         let run = |record: &Record| {
             let step = record.input.step;
             let mut delivered = None;
-            for (effect, amplitudes, shapes) in &amplifiers {
+            for (deliver, amplitudes, shapes) in &amplifiers {
                 let command = delivered.as_ref().unwrap_or(&record.input.values);
-                delivered = effect.deliver(command, 0.5 * step, amplitudes, shapes).or(delivered);
+                delivered = Some(deliver(command, 0.5 * step, amplitudes, shapes));
             }
             let input = delivered.map(|values| Input { values, ..record.input.clone() });
             let uses_sign = regression.uses_sign(self.structure);

@@ -6,7 +6,7 @@
 //! (`(ω h)⁵/120`), equivalent to a relative error of 7e-5 in the natural frequency; the fitted mass
 //! compensates it by twice that.
 
-use crate::effects::{Instant, Law, Regressor};
+use crate::effects::{Instant, Regressor};
 
 /// Largest number of states of all effects together.
 const STATES: usize = 6;
@@ -20,8 +20,8 @@ const TERMS: usize = 32;
 /// An effect as a force, with its parameters.
 #[derive(Clone)]
 pub struct Force<'a> {
-    /// The law.
-    pub law: &'a dyn Law,
+    /// The effect.
+    pub effect: &'a dyn Regressor,
     /// One amplitude per term.
     pub amplitudes: Vec<f64>,
     /// Its shapes.
@@ -70,7 +70,7 @@ type State = [f64; STATES + 2];
 impl Oscillator<'_> {
     /// Number of states of all effects.
     fn states(&self) -> usize {
-        self.forces.iter().map(|f| f.law.states()).sum()
+        self.forces.iter().map(|force| force.effect.declaration().states).sum()
     }
 
     /// `terms` is scratch memory, which is not cleared at each call.
@@ -88,12 +88,12 @@ impl Oscillator<'_> {
             + self.offset;
         let mut rate = [0.0; STATES + 2];
         let mut next = 2;
-        for effect in &self.forces {
-            let count = effect.law.states();
+        for Force { effect, amplitudes, shapes } in &self.forces {
+            let count = effect.declaration().states;
             let own = &state[next..next + count];
-            effect.law.force(&now, &effect.shapes, own, terms);
-            force += effect.amplitudes.iter().zip(terms.iter()).map(|(a, f)| a * f).sum::<f64>();
-            effect.law.rates(&now, &effect.shapes, own, &mut rate[next..next + count]);
+            effect.force(&now, shapes, own, terms);
+            force += amplitudes.iter().zip(terms.iter()).map(|(a, f)| a * f).sum::<f64>();
+            (effect.declaration().rates)(&now, shapes, own, &mut rate[next..next + count]);
             next += count;
         }
         (rate[0], rate[1]) = (velocity, (input - force) / self.mass);
@@ -153,7 +153,7 @@ impl Oscillator<'_> {
 
 /// Whether an effect can be simulated, as a force or as an effect on the input.
 pub fn can_simulate(effect: &dyn Regressor) -> bool {
-    effect.law().is_some() || effect.deliver(&[], 1.0, &[1.0; 4], &[1.0; 4]).is_some()
+    effect.is_force() || effect.declaration().deliver.is_some()
 }
 
 #[cfg(test)]

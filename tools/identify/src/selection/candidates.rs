@@ -85,17 +85,14 @@ pub fn candidates(
     let mut list: Vec<SitedEffect> = ALL
         .iter()
         .filter_map(sited)
+        .filter(|c| !has(regression, added, c.effect.id) && (c.effect.applies)(&regression.axis))
+        .filter(|c| c.effect.needs.iter().all(|need| has(regression, added, need)))
         .filter(|c| {
-            !has(regression, added, c.effect.id) && c.effect.regressor.applies(&regression.axis)
-        })
-        .filter(|c| c.effect.regressor.needs().iter().all(|need| has(regression, added, need)))
-        .filter(|c| {
-            !regression.frees(c.effect.regressor)
-                || c.effect.regressor.lifts().map(Column::of).is_some_and(at_edge)
+            !regression.frees(c.effect) || c.effect.lifts.map(Column::of).is_some_and(at_edge)
         })
         .collect();
     // Of two effects on the same parameter, the one at the first site is kept.
-    let lifted: Vec<_> = list.iter().map(|c| (c.effect.regressor.lifts(), rank(c.site))).collect();
+    let lifted: Vec<_> = list.iter().map(|c| (c.effect.lifts, rank(c.site))).collect();
     let taken = |(lifts, rank): &(Option<_>, Option<usize>)| {
         lifts.is_some() && lifted.iter().any(|(other, nearer)| other == lifts && nearer < rank)
     };
@@ -106,9 +103,8 @@ pub fn candidates(
 
 /// Number of parameters of an effect.
 fn freedom(regression: &RegressionModel, sited: &SitedEffect) -> usize {
-    let terms = sited.effect.regressor.terms(&regression.axis);
-    terms.iter().filter(|t| !t.is_given()).count()
-        + sited.effect.regressor.shapes(&regression.axis).len()
+    let terms = (sited.effect.terms)(&regression.axis);
+    terms.iter().filter(|t| !t.is_given()).count() + (sited.effect.shapes)(&regression.axis).len()
 }
 
 /// Chooses, of the accepted candidates with about the best gain, the one with the fewest
@@ -124,8 +120,7 @@ pub fn best_accepted(
     let best = (0..tried.len())
         .filter(|i| is_near(&tried[*i]))
         .min_by_key(|i| freedom(regression, &tried[*i].sited))?;
-    let simpler =
-        tried[best].sited.effect.regressor.refines().filter(|id| !has(regression, added, id));
+    let simpler = tried[best].sited.effect.refines.filter(|id| !has(regression, added, id));
     let simpler = simpler
         .and_then(|id| tried.iter().position(|t| t.validation.id == id && t.validation.accepted));
     Some(
@@ -143,8 +138,7 @@ pub fn equally_good(
     best: usize,
 ) -> Vec<SitedEffect> {
     let winner = &tried[best];
-    let nested =
-        |a: &SitedEffect, b: &SitedEffect| a.effect.regressor.refines() == Some(b.effect.id);
+    let nested = |a: &SitedEffect, b: &SitedEffect| a.effect.refines == Some(b.effect.id);
     tried
         .iter()
         .enumerate()

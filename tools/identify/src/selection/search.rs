@@ -125,11 +125,11 @@ impl Search<'_> {
             Predictor::OutputError(_) => ShapeSearch::GridOnly,
         };
         let mut structure = current.structure.clone();
-        structure.effects.push(sited.effect.regressor);
+        structure.effects.push(sited.effect);
         structure.model = Arc::clone(model);
         let shapes = &current.equation_error_fit().shapes;
         let mut fitted = regression.fit(&structure, &self.fit, shapes, shape_search)?;
-        if structure.effects.iter().any(|e| e.uses_model()) {
+        if structure.effects.iter().any(|e| e.declaration().uses_model) {
             // The predicted force was that of the model without the effect.
             structure.model = Arc::new(regression.force(&structure, &fitted));
             fitted = regression.fit(&structure, &self.fit, &fitted.shapes, shape_search)?;
@@ -241,7 +241,7 @@ impl Search<'_> {
         let shows = t >= LEAST_T && gain_percent > LEAST_NONPARAMETRIC_PERCENT;
         let start = starting_point(&fitted, &current.fitted);
         let simulate = || simulation.fit(&wider, &self.fit, &start, &[]);
-        let simulated = (shows && spline.law().is_some()).then(simulate).flatten();
+        let simulated = (shows && spline.is_force()).then(simulate).flatten();
         let Some(fitted) = simulated else {
             let validation = Validation { accepted: false, ..screened.validation };
             return Some(NonparametricFit { validation, screened_only: true, ..screened });
@@ -289,9 +289,7 @@ pub fn search(predictor: &Predictor<'_>, blocks: &[Block]) -> Option<SearchResul
         let added: Vec<SitedEffect> = steps.iter().map(|step| step.added.sited).collect();
         let mut list = candidates(regression, &added, &current.fitted);
         if let Predictor::OutputError(_) = predictor {
-            list.retain(|c| {
-                regression.frees(c.effect.regressor) || can_simulate(c.effect.regressor)
-            });
+            list.retain(|c| regression.frees(c.effect) || can_simulate(c.effect));
         }
         let mut tried = search.try_all(current, &list);
         let below_limit = steps.len() < MOST_EFFECTS;
@@ -316,7 +314,7 @@ mod tests {
     use nalgebra::DVector;
 
     use super::*;
-    use crate::effects::{Axis, Effect, Term, Units};
+    use crate::effects::{Axis, Effect, Units};
     use crate::equation_error::model::RegressionModel;
     use crate::regression::Fit;
 
@@ -345,16 +343,9 @@ mod tests {
         sites: &["master"],
         words: "nothing",
         experiment: "none",
-        regressor: &Panicking,
+        terms: |_| panic!("a defect of an effect"),
+        ..Effect::NONE
     };
-
-    struct Panicking;
-
-    impl Regressor for Panicking {
-        fn terms(&self, _: &Axis) -> Vec<Term> {
-            panic!("a defect of an effect")
-        }
-    }
 
     #[test]
     #[should_panic(expected = "a defect of an effect")]

@@ -93,7 +93,7 @@ impl<'o> Fit<'o> {
     /// The declared parameter whose tolerance the effect lifts: one column is fitted for both, and
     /// the effect is the excess of its amplitude over the declared value.
     fn exceeded(&self, effect: &FoundEffect) -> Option<&'o FittedParameter> {
-        find(&effect.id)?.regressor.lifts()?;
+        find(&effect.id)?.lifts?;
         self.declared_in(&effect.parameters.first()?.unit)
     }
 
@@ -231,14 +231,11 @@ mod tests {
 
     /// A listed effect as a fit tells it, all values 1.
     fn found(effect: &Effect, site: &str, axis: &Axis) -> FoundEffect {
-        let terms = effect
-            .regressor
-            .terms(axis)
+        let terms = (effect.terms)(axis)
             .into_iter()
             .filter(|term| !term.is_given())
             .map(|term| (term.name, term.unit));
-        let shapes =
-            effect.regressor.shapes(axis).into_iter().map(|shape| (shape.name, shape.unit));
+        let shapes = (effect.shapes)(axis).into_iter().map(|shape| (shape.name, shape.unit));
         let parameters = terms.chain(shapes).map(|(name, unit)| named(&name, 1.0, &unit)).collect();
         FoundEffect {
             id: effect.id.into(),
@@ -263,7 +260,7 @@ mod tests {
             trades_with: None,
         };
         let fit = Fit { parameters: &[stiffness], turn: axis.turn };
-        let can_be = ALL.iter().filter(|effect| effect.regressor.applies(axis));
+        let can_be = ALL.iter().filter(|effect| (effect.applies)(axis));
         let is_written = |effect: &&Effect| {
             let site = sites.iter().find(|site| effect.sites.contains(site)).unwrap();
             fit.in_words_of_the_plant(&found(effect, site, axis)).is_ok()
