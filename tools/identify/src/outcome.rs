@@ -89,9 +89,9 @@ pub struct FoundEffect {
     pub site: String,
     /// Its parameters.
     pub parameters: Vec<EffectParameter>,
-    /// Block t of its gain on the selecting rows.
+    /// Block t of its gain on the selection rows.
     pub t: f64,
-    /// Decrease of the rms residual on the selecting rows (%). For transmissions 1 - exp(-g), where
+    /// Decrease of the rms residual on the selection rows (%). For transmissions 1 - exp(-g), where
     /// g is the decrease of its logarithm summed over channels: the lesser of the means over blocks
     /// and over records.
     pub gain_percent: f64,
@@ -170,18 +170,18 @@ pub struct Unexplained {
     pub share: f64,
 }
 
-/// An effect that is visible on the selecting rows but not accepted.
+/// An effect that is visible on the selection rows but not accepted.
 #[derive(Clone, Debug, Serialize)]
 pub struct Left {
     /// Id of the effect, or the variable of a generic function.
     pub id: String,
     /// Site of the effect; `null` for a generic function.
     pub site: Option<String>,
-    /// Root mean square of its contribution on the selecting rows.
+    /// Root mean square of its contribution on the selection rows.
     pub size: f64,
     /// Unit of the size.
     pub unit: String,
-    /// Fall of the root-mean-square residual on the selecting rows (%).
+    /// Fall of the root-mean-square residual on the selection rows (%).
     pub gain_percent: f64,
     /// Block t.
     pub t: f64,

@@ -2,6 +2,8 @@
 //! search names it, and nothing where nothing is missing.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
+use std::sync::LazyLock;
+
 use identify::equation_error::block_roles::Role;
 use identify::prediction_error::candidates::{Candidate, candidates, free_parameters_of};
 use identify::prediction_error::fit::Dataset;
@@ -36,6 +38,10 @@ fn found(effect: Option<&str>, push_v: f64) -> (TransmissionModel, SearchResult)
     (model, found)
 }
 
+/// Backlash at the slave, searched once for the tests that need it.
+static BACKLASH: LazyLock<(TransmissionModel, SearchResult)> =
+    LazyLock::new(|| found(Some("backlash@slave=0.06"), 0.0));
+
 fn slave_error(model: &TransmissionModel, found: &SearchResult) -> [f64; 2] {
     let report = model.of_role(Role::Report);
     [&found.base.setting, &found.last().setting]
@@ -44,13 +50,13 @@ fn slave_error(model: &TransmissionModel, found: &SearchResult) -> [f64; 2] {
 
 #[test]
 fn backlash_at_the_slave_is_found_with_its_size() {
-    let (model, found) = found(Some("backlash@slave=0.06"), 0.0);
+    let (model, found) = &*BACKLASH;
     let names: Vec<_> =
         found.steps.iter().map(|step| (step.added.id, step.added.site.name())).collect();
     assert_eq!(names, [("backlash", "slave")]);
     let gap = found.last().setting.placed[0].value("gap").unwrap();
     assert!((gap - 0.06).abs() < 0.006, "{gap} rad");
-    let [before, after] = slave_error(&model, &found);
+    let [before, after] = slave_error(model, found);
     println!("backlash of {gap:.4} rad, slave error {before:.2e} -> {after:.2e} rad");
     assert!(after < 0.3 * before, "{before} -> {after} rad");
 }
@@ -147,8 +153,8 @@ fn a_replicate_moves_alike_and_its_innovations_match_the_repeatability() {
 
 #[test]
 fn replicates_without_a_missing_effect_raise_no_alarm() {
-    let (model, found) = found(Some("backlash@slave=0.06"), 0.0);
-    let chance = parametric_bootstrap(&model, &found, DRIVE, 2, 1).unwrap();
+    let (model, found) = &*BACKLASH;
+    let chance = parametric_bootstrap(model, found, DRIVE, 2, 1).unwrap();
     let gain = found.steps[0].added.gain;
     assert_eq!((chance.replicates(), chance.alarms, chance.as_much(gain)), (2, 0, 0), "{chance:?}");
     assert!((chance.probability(gain) - 1.0 / 3.0).abs() < 1e-12);
@@ -156,16 +162,16 @@ fn replicates_without_a_missing_effect_raise_no_alarm() {
 
 #[test]
 fn a_withdrawn_effect_leaves_the_declared_model() {
-    let (model, mut found) = found(Some("backlash@slave=0.06"), 0.0);
-    found.without_last(&model).unwrap();
+    let (model, mut found) = (&BACKLASH.0, BACKLASH.1.clone());
+    found.without_last(model).unwrap();
     assert!(
         found.steps.is_empty()
             && found.effect_parameters.is_empty()
             && found.last().setting.placed.is_empty()
     );
-    assert!(found.without_last(&model).is_some(), "nothing to take back is no failure");
+    assert!(found.without_last(model).is_some(), "nothing to take back is no failure");
     // What it explained is missing again, and that must be said.
-    found.reassess(&model);
+    found.reassess(model);
     assert!(found.inadequate || found.unlisted_function.is_some(), "{:?}", found.generic);
 }
 

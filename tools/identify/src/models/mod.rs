@@ -15,6 +15,7 @@ mod simulated_experiment;
 mod single_channel_outcome;
 mod single_channel_page;
 mod single_channel_parameters;
+mod single_channel_result;
 mod single_channel_study;
 mod transmission;
 mod transmission_outcome;

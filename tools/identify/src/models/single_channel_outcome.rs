@@ -5,10 +5,10 @@ use report::Page;
 use super::next_experiment::next_experiment;
 use super::single_channel_page::page;
 use super::single_channel_parameters::{effect_parameters, parameters};
+use super::single_channel_result::{Study, all_rows};
 use super::unaccepted_effects::{left, sampling_delay_notes};
 use crate::equation_error::block_roles::{Block, Role, blocks_of_role};
 use crate::equation_error::model::{Fitted, RegressionModel, Structure};
-use crate::equation_error::signals::ForceBalance;
 use crate::outcome::{
     CandidateGain, ChannelError, FoundEffect, Named, Outcome, Roles, StepError, UnlistedTable,
     Verdict,
@@ -17,20 +17,6 @@ use crate::selection::candidates::SitedEffect;
 use crate::selection::predictor::Predictor;
 use crate::selection::search::{SearchResult, SelectionStep};
 use crate::selection::validation::Validation;
-
-/// A model, its records and the search result.
-pub(super) struct Study<'a> {
-    /// Declared model and records.
-    pub(super) predictor: Predictor<'a>,
-    /// Rows by role.
-    pub(super) blocks: Vec<Block>,
-    /// What the search found.
-    pub(super) found: SearchResult,
-    /// Column of the measured channel.
-    pub(super) channel: &'static str,
-    /// Notes on the data.
-    pub(super) notes: Vec<String>,
-}
 
 /// The verdict, and the page that shows it.
 pub(super) fn conclude(study: &Study<'_>) -> (Outcome, Page) {
@@ -175,11 +161,6 @@ fn step(
             names.enumerate().map(|(i, n)| (n, whole.fit.coefficients[i], whole.std[i])).collect()
         }),
     }
-}
-
-/// All rows of a record as one block.
-pub(super) fn all_rows(record: usize, balance: &ForceBalance) -> Block {
-    Block { record, rows: 0..balance.rows(), role: Role::Fit }
 }
 
 /// Validation of all candidates, round by round.

@@ -2,7 +2,7 @@
 
 use report::{Colour, Figure, Page, Table, Tone};
 
-use super::single_channel_outcome::{Study, all_rows};
+use super::single_channel_result::{Study, all_rows};
 use crate::effects::find;
 use crate::naming::{held, labels};
 use crate::outcome::{Left, Outcome, Verdict};
@@ -233,7 +233,7 @@ pub(super) fn page(study: &Study<'_>, outcome: &Outcome) -> Page {
         );
     }
     let accepted = format!(
-        "Each candidate is fitted on the fitting rows and validated on the selecting ones. It is \
+        "Each candidate is fitted on the fitting rows and validated on the selection ones. It is \
          added when the residual falls by {:.0} % or more, when the mean fall is {LEAST_T:.1} of \
          its standard errors above zero, and when more blocks get better than worse.",
         100.0 * LEAST_GAIN
@@ -355,7 +355,7 @@ fn steps(outcome: &Outcome) -> Table {
     let mut table = Table::new([
         "model",
         "fitting rows / %",
-        "selecting rows / %",
+        "selection rows / %",
         "reporting rows / %",
         "all rows / %",
     ]);

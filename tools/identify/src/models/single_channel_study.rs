@@ -5,7 +5,8 @@ use report::Page;
 use rig::Model as Declared;
 
 use super::Options;
-use super::single_channel_outcome::{Study, conclude};
+use super::single_channel_outcome::conclude;
+use super::single_channel_result::Study;
 use crate::effects::{Axis, Units};
 use crate::equation_error::block_roles::{self, Block, Role};
 use crate::equation_error::model::{Column, Parameter, RegressionModel};

@@ -174,7 +174,7 @@ pub(super) fn page(study: &Study, outcome: &Outcome) -> Option<Page> {
     }
     let accepted = format!(
         "Each candidate is fitted on the fitting records beside all declared parameters, and \
-         validated on the selecting ones. It is added when the errors of all channels, multiplied, \
+         validated on the selection ones. It is added when the errors of all channels, multiplied, \
          fall by {:.0} % or more (beside one effect by {:.0} %, beside two by {:.0} %), when that \
          is {LEAST_T:.1} of its standard errors above zero, when more records get better than \
          worse, and when no channel gets worse by more than 3 % (for a first effect by a fifth of \

@@ -1,7 +1,7 @@
 //! Effects that are visible after the last one but not accepted, with their sizes.
 
-use super::single_channel_outcome::Study;
 use super::single_channel_parameters::effect_parameters;
+use super::single_channel_result::Study;
 use crate::equation_error::block_roles::{Block, Role, blocks_of_role};
 use crate::outcome::Left;
 use crate::selection::candidates::FittedCandidate;

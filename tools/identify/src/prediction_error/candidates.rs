@@ -102,58 +102,76 @@ pub fn candidates(features: &RecordFeatures) -> Vec<Candidate> {
 }
 
 fn candidate(entry: &Entry, place: &Place, features: &RecordFeatures) -> Option<Candidate> {
-    let id = entry.id;
-    let of = Search { id, site: place.site, size: place.size, features };
-    let space = of.line().or_else(|| of.friction()).or_else(|| of.load());
-    let space = space.or_else(|| of.drive()).or_else(|| of.disturbance()).or_else(|| of.sensor());
+    let (id, site) = (entry.id, place.site);
+    let of = Search { id, site, size: place.size, features };
+    let space = of.line().or_else(|| of.friction()).or_else(|| of.load_or_drive());
+    let space = space.or_else(|| of.wave()).or_else(|| of.sensor());
     let space = space.unwrap_or_else(|| of.by_size(&entry.parameters[0]));
-    let sizes = match id {
-        // A saturation limit falls as the effect grows, and a fully rectified reading does not
-        // scale with the rectified share.
-        "amplifier_saturation" => 0,
-        "rectified_sensor" if features.rectified => 0,
-        // An odd and an even part.
-        "nonlinear_stiffness" => 2,
-        _ => 1,
+    let SearchSpace { free, starts, phasor, signed, sizes, multi_start } = space;
+    let start = |values: Values| {
+        let placed = |values: Values| PlacedEffect { id, site, values };
+        let with = |phase: f64| placed([&values[..], &[("phase", phase)]].concat());
+        match phasor {
+            None => StartPoint { placed: placed(values), quadrature: None, signed },
+            Some(_) => {
+                StartPoint { placed: with(0.0), quadrature: Some(with(FRAC_PI_2)), signed: true }
+            }
+        }
     };
-    // These compete with declared friction or stiffness, which absorbs them up to its tolerance and
-    // then stays at its bound.
-    let multi_start = match id {
-        "stribeck_friction" => Some(MultiStart::Always),
-        "transport_delay" if place.site == Site::Line => Some(MultiStart::Always),
-        "coulomb_friction" => Some(MultiStart::WhenLocalised),
-        _ => None,
-    };
-    (!space.starts.is_empty()).then_some(Candidate {
-        id,
-        site: place.site,
-        free: space.free,
-        sizes,
-        multi_start,
-        phasor: space.phasor,
-        starts: space.starts,
-    })
+    let starts: Vec<StartPoint> = starts.into_iter().map(start).collect();
+    (!starts.is_empty()).then_some(Candidate { id, site, free, sizes, multi_start, phasor, starts })
 }
 
-/// Free parameters and starting points of an effect.
-#[derive(Default)]
+/// Parameters of an effect by name.
+type Values = Vec<(&'static str, f64)>;
+
+/// One starting point for each value of a parameter.
+fn each(name: &'static str, values: &[f64]) -> Vec<Values> {
+    values.iter().map(|value| vec![(name, *value)]).collect()
+}
+
+/// One starting point for each pair of values of two parameters; the first varies fastest.
+fn pairs(
+    (first, values): (&'static str, &[f64]),
+    (second, others): (&'static str, &[f64]),
+) -> Vec<Values> {
+    let with = |other: &f64| {
+        let other = *other;
+        values.iter().map(move |value| vec![(first, *value), (second, other)])
+    };
+    others.iter().flat_map(with).collect()
+}
+
+/// Free parameters and starting points of an effect; the other fields are as in [`Candidate`] and
+/// [`StartPoint`].
 struct SearchSpace {
     free: Vec<SearchRange>,
+    starts: Vec<Values>,
     phasor: Option<(&'static str, f64)>,
-    starts: Vec<StartPoint>,
+    signed: bool,
+    sizes: usize,
+    multi_start: Option<MultiStart>,
 }
 
 impl SearchSpace {
-    fn new(free: Vec<SearchRange>, starts: Vec<StartPoint>) -> Option<Self> {
-        Some(Self { free, phasor: None, starts })
+    fn new(free: impl Into<Vec<SearchRange>>, starts: Vec<Values>) -> Self {
+        let (free, phasor, multi_start) = (free.into(), None, None);
+        Self { free, starts, phasor, signed: false, sizes: 1, multi_start }
     }
 
-    fn with_phasor(
-        free: Vec<SearchRange>,
-        (amplitude, most): (&'static str, f64),
-        starts: impl Iterator<Item = StartPoint>,
-    ) -> Option<Self> {
-        Some(Self { free, phasor: Some((amplitude, most)), starts: starts.collect() })
+    fn signed(self) -> Self {
+        Self { signed: true, ..self }
+    }
+
+    /// With the name and bound of an amplitude that has a phase.
+    fn phasor(self, amplitude: &'static str, most: f64) -> Self {
+        Self { phasor: Some((amplitude, most)), ..self }
+    }
+
+    /// For effects that compete with declared friction or stiffness, which absorbs them up to its
+    /// tolerance and then stays at its bound.
+    fn multi_start(self, when: MultiStart) -> Self {
+        Self { multi_start: Some(when), ..self }
     }
 }
 
@@ -166,28 +184,6 @@ struct Search<'a> {
 }
 
 impl Search<'_> {
-    fn placed(&self, values: &[(&'static str, f64)]) -> PlacedEffect {
-        PlacedEffect { id: self.id, site: self.site, values: values.to_vec() }
-    }
-
-    fn start(&self, values: &[(&'static str, f64)]) -> StartPoint {
-        StartPoint { placed: self.placed(values), quadrature: None, signed: false }
-    }
-
-    fn signed(&self, values: &[(&'static str, f64)]) -> StartPoint {
-        StartPoint { signed: true, ..self.start(values) }
-    }
-
-    /// Amplitude and phase: a starting point spans two directions.
-    fn wave(&self, values: &[(&'static str, f64)]) -> StartPoint {
-        let with = |phase: f64| self.placed(&[values, &[("phase", phase)]].concat());
-        StartPoint { placed: with(0.0), quadrature: Some(with(FRAC_PI_2)), signed: true }
-    }
-
-    fn sizes(&self, name: &'static str, factors: &[f64]) -> Vec<StartPoint> {
-        factors.iter().map(|factor| self.start(&[(name, factor * self.size)])).collect()
-    }
-
     fn up_to(&self, name: &'static str, factor: f64) -> SearchRange {
         free(name, 0.0, factor * self.size)
     }
@@ -196,254 +192,188 @@ impl Search<'_> {
         free(name, -factor * self.size, factor * self.size)
     }
 
+    /// One free parameter, started from some factors of the default size.
+    fn sizes(&self, range: SearchRange, factors: &[f64]) -> SearchSpace {
+        let values: Vec<f64> = factors.iter().map(|factor| factor * self.size).collect();
+        SearchSpace::new([range], each(range.name, &values))
+    }
+
     fn line(&self) -> Option<SearchSpace> {
-        let (free, starts) = match self.id {
-            "nonlinear_stiffness" => (
-                vec![free("cubic", -0.9, 10.0), free("even", -0.95, 0.95)],
-                vec![
-                    self.start(&[("cubic", 0.3)]),
-                    self.start(&[("cubic", 1.5)]),
-                    self.start(&[("cubic", -0.2)]),
-                    self.start(&[("cubic", 0.01), ("even", 0.25)]),
-                    self.start(&[("cubic", 0.01), ("even", -0.25)]),
-                ],
-            ),
-            "viscoelastic_line" => {
-                let of = |time: &f64| {
-                    [0.2, 1.0].map(|ratio| {
-                        self.start(&[("stiffness_ratio", ratio), ("relaxation_s", *time)])
-                    })
-                };
-                (
-                    vec![
-                        free("stiffness_ratio", 0.0, 10.0),
-                        by_logarithm("relaxation_s", 3e-3, 3.0),
-                    ],
-                    [0.01, 0.03, 0.1, 0.3].iter().flat_map(of).collect(),
+        Some(match self.id {
+            "nonlinear_stiffness" => SearchSpace {
+                // An odd and an even part.
+                sizes: 2,
+                ..SearchSpace::new(
+                    [free("cubic", -0.9, 10.0), free("even", -0.95, 0.95)],
+                    [
+                        each("cubic", &[0.3, 1.5, -0.2]),
+                        pairs(("cubic", &[0.01]), ("even", &[0.25, -0.25])),
+                    ]
+                    .concat(),
                 )
-            }
-            "leakage" => (
-                vec![by_logarithm("conductance", 0.01 * self.size, 100.0 * self.size)],
-                self.sizes("conductance", &[0.3, 1.0, 4.0]),
+            },
+            "viscoelastic_line" => SearchSpace::new(
+                [free("stiffness_ratio", 0.0, 10.0), by_logarithm("relaxation_s", 3e-3, 3.0)],
+                pairs(("stiffness_ratio", &[0.2, 1.0]), ("relaxation_s", &[0.01, 0.03, 0.1, 0.3])),
             ),
-            "backlash" => (vec![self.up_to("gap", 20.0)], self.sizes("gap", &[0.25, 1.0, 3.0])),
-            // A line's wave must take longer than a simulation step to have any effect.
-            "transport_delay" if self.site == Site::Line => {
-                (vec![free("delay_s", LEAST_WAVE_S, 0.05)], self.sizes("delay_s", &[0.6, 1.2, 2.0]))
-            }
-            "transport_delay" => {
-                (vec![free("delay_s", 0.0, 0.05)], self.sizes("delay_s", &[0.2, 0.6, 2.0]))
-            }
+            "leakage" => self.sizes(
+                by_logarithm("conductance", 0.01 * self.size, 100.0 * self.size),
+                &[0.3, 1.0, 4.0],
+            ),
+            "backlash" => self.sizes(self.up_to("gap", 20.0), &[0.25, 1.0, 3.0]),
+            "transport_delay" if self.site == Site::Line => self
+                .sizes(free("delay_s", LEAST_WAVE_S, 0.05), &[0.6, 1.2, 2.0])
+                .multi_start(MultiStart::Always),
+            "transport_delay" => self.sizes(free("delay_s", 0.0, 0.05), &[0.2, 0.6, 2.0]),
             _ => return None,
-        };
-        SearchSpace::new(free, starts)
+        })
     }
 
     fn friction(&self) -> Option<SearchSpace> {
-        let (free, starts) = match self.id {
-            "coulomb_friction" => {
-                (vec![self.up_to("level", 10.0)], self.sizes("level", &[0.3, 1.0, 3.0]))
-            }
+        let size = self.size;
+        Some(match self.id {
+            "coulomb_friction" => self
+                .sizes(self.up_to("level", 10.0), &[0.3, 1.0, 3.0])
+                .multi_start(MultiStart::WhenLocalised),
             "viscous_friction" | "quadratic_drag" => {
-                (vec![self.up_to("coefficient", 20.0)], self.sizes("coefficient", &[0.3, 1.0]))
+                self.sizes(self.up_to("coefficient", 20.0), &[0.3, 1.0])
             }
-            "stribeck_friction" => {
-                let of = |speed: &f64| {
-                    [0.4, 1.0, 2.5]
-                        .map(|level| self.start(&[("level", level * self.size), ("speed", *speed)]))
-                };
-                (
-                    vec![self.up_to("level", 6.0), by_logarithm("speed", 0.03, 10.0)],
-                    [0.1, 0.4, 1.5].iter().flat_map(of).collect(),
-                )
-            }
-            "asymmetric_friction" => {
-                let of = |time: &f64| {
-                    self.signed(&[("difference", 0.5 * self.size), ("viscous_time", *time)])
-                };
-                (
-                    vec![self.either("difference", 6.0), free("viscous_time", 0.0, 2.0)],
-                    [0.0, 0.1, 0.5].iter().map(of).collect(),
-                )
-            }
-            "position_dependent_friction" => {
-                let starts = [1.0, 2.0, 3.0, 5.0]
-                    .iter()
-                    .map(|order| self.wave(&[("amplitude", 0.2), ("order", *order)]));
-                // Below one wave per turn, the friction is no longer periodic over the stroke.
-                let free = vec![waves_in_angle("order", 0.9, 12.0)];
-                return SearchSpace::with_phasor(free, ("amplitude", 1.0), starts);
-            }
+            "stribeck_friction" => SearchSpace::new(
+                [self.up_to("level", 6.0), by_logarithm("speed", 0.03, 10.0)],
+                pairs(("level", &[0.4, 1.0, 2.5].map(|l| l * size)), ("speed", &[0.1, 0.4, 1.5])),
+            )
+            .multi_start(MultiStart::Always),
+            "asymmetric_friction" => SearchSpace::new(
+                [self.either("difference", 6.0), free("viscous_time", 0.0, 2.0)],
+                pairs(("difference", &[0.5 * size]), ("viscous_time", &[0.0, 0.1, 0.5])),
+            )
+            .signed(),
+            "position_dependent_friction" => SearchSpace::new(
+                [waves_in_angle("order", 0.9, 12.0)],
+                pairs(("amplitude", &[0.2]), ("order", &[1.0, 2.0, 3.0, 5.0])),
+            )
+            .phasor("amplitude", 1.0),
             "load_dependent_friction" => {
-                (vec![free("coefficient", 0.0, 0.9)], self.sizes("coefficient", &[0.3, 1.0, 2.0]))
+                self.sizes(free("coefficient", 0.0, 0.9), &[0.3, 1.0, 2.0])
             }
             "presliding_hysteresis" => {
-                // A travel below the encoder's resolution is equivalent to the smoothing of dry
-                // friction.
                 let side = usize::from(self.site == Site::Slave);
                 let least = (COUNTS_OF_TRAVEL * self.features.count_rad[side]).clamp(5e-4, 0.05);
-                let of = |travel: f64| {
-                    [0.4, 0.95].map(|part| self.start(&[("part", part), ("travel", travel)]))
-                };
                 let travels = [0.004, 0.015, 0.06].map(|travel| f64::max(travel, 1.3 * least));
-                (
-                    vec![free("part", 0.0, 1.0), by_logarithm("travel", least, 0.3)],
-                    travels.into_iter().flat_map(of).collect(),
+                SearchSpace::new(
+                    [free("part", 0.0, 1.0), by_logarithm("travel", least, 0.3)],
+                    pairs(("part", &[0.4, 0.95]), ("travel", &travels)),
                 )
             }
             _ => return None,
-        };
-        SearchSpace::new(free, starts)
+        })
     }
 
-    fn load(&self) -> Option<SearchSpace> {
-        let (free, starts) = match self.id {
-            "gravity_imbalance" => {
-                let start = self.wave(&[("torque", 0.5 * self.size)]);
-                let phasor = ("torque", 10.0 * self.size);
-                return SearchSpace::with_phasor(Vec::new(), phasor, [start].into_iter());
-            }
-            "extra_inertia" => {
-                (vec![self.up_to("inertia", 20.0)], self.sizes("inertia", &[0.3, 1.0]))
-            }
+    fn load_or_drive(&self) -> Option<SearchSpace> {
+        Some(match self.id {
+            "extra_inertia" => self.sizes(self.up_to("inertia", 20.0), &[0.3, 1.0]),
             "hand_impedance" => {
-                let of = |[stiffness, damper, inertia]: [f64; 3]| {
-                    self.start(&[
-                        ("stiffness", stiffness),
-                        ("damper_time_s", damper),
-                        ("inertia_time_s", inertia),
-                    ])
-                };
-                (
-                    vec![
-                        free("stiffness", 0.0, 30.0),
-                        free("damper_time_s", 0.0, 0.5),
-                        free("inertia_time_s", 0.0, 0.2),
-                    ],
-                    [[0.3, 0.02, 0.02], [1.0, 0.03, 0.05], [1.0, 0.1, 0.0]].map(of).to_vec(),
+                let names = ["stiffness", "damper_time_s", "inertia_time_s"];
+                let starts = [[0.3, 0.02, 0.02], [1.0, 0.03, 0.05], [1.0, 0.1, 0.0]];
+                SearchSpace::new(
+                    [free(names[0], 0.0, 30.0), free(names[1], 0.0, 0.5), free(names[2], 0.0, 0.2)],
+                    starts.map(|values| names.into_iter().zip(values).collect()).to_vec(),
                 )
             }
-            "thermal_drift" => {
-                let of = |time: &f64| self.signed(&[("excess", 0.3), ("time_constant_s", *time)]);
-                (
-                    vec![free("excess", -0.9, 6.0), by_logarithm("time_constant_s", 3.0, 1000.0)],
-                    [10.0, 30.0, 100.0].iter().map(of).collect(),
-                )
-            }
-            _ => return None,
-        };
-        SearchSpace::new(free, starts)
-    }
-
-    fn drive(&self) -> Option<SearchSpace> {
-        let (free, starts) = match self.id {
-            "torque_ripple" => {
-                // Low orders show no spectral line among other functions of position.
-                let orders = self.features.orders.iter().copied().chain([4.0, 5.0, 6.0, 7.0, 8.0]);
-                let of = |order| self.wave(&[("amplitude", 0.5 * self.size), ("order", order)]);
-                let free = vec![waves_in_angle("order", 3.5, 200.0)];
-                let phasor = ("amplitude", 10.0 * self.size);
-                return SearchSpace::with_phasor(free, phasor, orders.map(of));
-            }
+            "thermal_drift" => SearchSpace::new(
+                [free("excess", -0.9, 6.0), by_logarithm("time_constant_s", 3.0, 1000.0)],
+                pairs(("excess", &[0.3]), ("time_constant_s", &[10.0, 30.0, 100.0])),
+            )
+            .signed(),
             "amplifier_saturation" => {
                 let volts = self.features.volts;
-                (
-                    vec![free("limit", 0.2 * volts, volts)],
-                    [0.45, 0.6, 0.75, 0.9]
-                        .iter()
-                        .map(|share| self.start(&[("limit", share * volts)]))
-                        .collect(),
-                )
+                let starts = each("limit", &[0.45, 0.6, 0.75, 0.9].map(|share| share * volts));
+                // The limit falls as the effect grows.
+                let limit = free("limit", 0.2 * volts, volts);
+                SearchSpace { sizes: 0, ..SearchSpace::new([limit], starts) }
             }
-            "amplifier_deadzone" => {
-                (vec![self.up_to("half_width", 10.0)], self.sizes("half_width", &[0.5, 1.5, 4.0]))
+            "amplifier_deadzone" => self.sizes(self.up_to("half_width", 10.0), &[0.5, 1.5, 4.0]),
+            "amplifier_lag" => {
+                self.sizes(by_logarithm("time_constant", 2e-4, 0.1), &[0.3, 1.0, 3.0])
             }
-            "amplifier_lag" => (
-                vec![by_logarithm("time_constant", 2e-4, 0.1)],
-                self.sizes("time_constant", &[0.3, 1.0, 3.0]),
-            ),
             _ => return None,
-        };
-        SearchSpace::new(free, starts)
+        })
     }
 
-    fn disturbance(&self) -> Option<SearchSpace> {
-        match self.id {
+    /// Effects with amplitude and phase, but friction and hum.
+    fn wave(&self) -> Option<SearchSpace> {
+        let (features, size) = (self.features, self.size);
+        Some(match self.id {
+            "gravity_imbalance" => {
+                SearchSpace::new([], each("torque", &[0.5 * size])).phasor("torque", 10.0 * size)
+            }
+            "torque_ripple" => {
+                let orders = [&features.orders[..], &[4.0, 5.0, 6.0, 7.0, 8.0]].concat();
+                SearchSpace::new(
+                    [waves_in_angle("order", 3.5, 200.0)],
+                    pairs(("amplitude", &[0.5 * size]), ("order", &orders)),
+                )
+                .phasor("amplitude", 10.0 * size)
+            }
             "periodic_disturbance" => {
-                let lines = &self.features.lines_hz[usize::from(self.site == Site::Slave)];
-                let of =
-                    |hz: &f64| self.wave(&[("amplitude", 0.3 * self.size), ("frequency_hz", *hz)]);
-                let free = vec![waves_in_time("frequency_hz", 0.3, 120.0)];
-                let phasor = ("amplitude", 10.0 * self.size);
-                SearchSpace::with_phasor(free, phasor, lines.iter().map(of))
+                let lines = &features.lines_hz[usize::from(self.site == Site::Slave)];
+                SearchSpace::new(
+                    [waves_in_time("frequency_hz", 0.3, 120.0)],
+                    pairs(("amplitude", &[0.3 * size]), ("frequency_hz", lines)),
+                )
+                .phasor("amplitude", 10.0 * size)
             }
             "encoder_eccentricity" => {
-                let starts = [0.0, 1.0].iter().flat_map(|master| {
-                    [1.0, 2.0].map(|order| {
-                        self.wave(&[
-                            ("amplitude", 0.5 * self.size),
-                            ("order", order),
-                            ("on_master", *master),
-                        ])
-                    })
-                });
-                SearchSpace::with_phasor(Vec::new(), ("amplitude", 10.0 * self.size), starts)
+                let of = |on_master: f64| {
+                    let mut starts = pairs(("amplitude", &[0.5 * size]), ("order", &[1.0, 2.0]));
+                    starts.iter_mut().for_each(|values| values.push(("on_master", on_master)));
+                    starts
+                };
+                SearchSpace::new([], [0.0, 1.0].map(of).concat()).phasor("amplitude", 10.0 * size)
             }
-            _ => None,
-        }
+            _ => return None,
+        })
     }
 
-    /// Effects on the torque channel; none can be searched in records without it.
+    /// Effects of the torque cell: only a hand reveals a factor, or a sign.
     fn sensor(&self) -> Option<SearchSpace> {
         let (features, size) = (self.features, self.size);
-        // A gain error or a lost sign shows only while a hand acts.
-        let needs_hand = matches!(self.id, "sensor_gain" | "rectified_sensor");
-        let revealed = features.torque && (features.hand || !needs_hand);
-        let (free, starts) = match self.id {
-            "sensor_offset" => {
-                (vec![self.either("offset", 20.0)], vec![self.signed(&[("offset", size)])])
-            }
-            "sensor_gain" => {
-                (vec![free("error", -0.8, 2.0)], vec![self.signed(&[("error", size)])])
-            }
-            "sensor_drift" => {
-                (vec![self.either("rate", 20.0)], vec![self.signed(&[("rate", 0.3 * size)])])
-            }
-            "sensor_crosstalk" => {
-                (vec![self.either("coupling", 20.0)], vec![self.signed(&[("coupling", size)])])
-            }
-            "mains_hum" => {
-                let of = |hz: &f64| self.wave(&[("amplitude", size), ("frequency_hz", *hz)]);
-                let free = vec![waves_in_time("frequency_hz", 15.0, 124.0)];
-                let phasor = ("amplitude", 20.0 * size);
-                let lines = features.hum_hz.iter().filter(|_| revealed);
-                return SearchSpace::with_phasor(free, phasor, lines.map(of));
-            }
+        let space = match self.id {
+            "sensor_offset" => self.sizes(self.either("offset", 20.0), &[1.0]).signed(),
+            "sensor_gain" => self.sizes(free("error", -0.8, 2.0), &[1.0]).signed(),
+            "sensor_drift" => self.sizes(self.either("rate", 20.0), &[0.3]).signed(),
+            "sensor_crosstalk" => self.sizes(self.either("coupling", 20.0), &[1.0]).signed(),
+            "mains_hum" => SearchSpace::new(
+                [waves_in_time("frequency_hz", 15.0, 124.0)],
+                pairs(("amplitude", &[size]), ("frequency_hz", &features.hum_hz)),
+            )
+            .phasor("amplitude", 20.0 * size),
             "rectified_sensor" => {
-                let parts: &[f64] =
-                    if features.rectified { &[0.58, 0.66, 0.78, 0.95] } else { &[0.1, 0.4] };
-                let starts = parts.iter().map(|part| self.start(&[("part", *part)])).collect();
-                (vec![free("part", 0.0, 1.0)], starts)
+                let (parts, sizes): (&[f64], usize) = match features.rectified {
+                    // A fully rectified reading does not scale with the rectified share.
+                    true => (&[0.58, 0.66, 0.78, 0.95], 0),
+                    false => (&[0.1, 0.4], 1),
+                };
+                let space = SearchSpace::new([free("part", 0.0, 1.0)], each("part", parts));
+                SearchSpace { sizes, ..space }
             }
             _ => return None,
         };
-        SearchSpace::new(free, if revealed { starts } else { Vec::new() })
+        let needs_hand = matches!(self.id, "sensor_gain" | "rectified_sensor");
+        let revealed = features.torque && (features.hand || !needs_hand);
+        Some(SearchSpace { starts: if revealed { space.starts } else { Vec::new() }, ..space })
     }
 
-    /// Search by the size parameter alone: up to [`MOST_SIZES`] default sizes within the
-    /// parameter's range, from [`DEFAULT_STARTS`]; both signs where the range has both.
     fn by_size(&self, size: &ParameterInfo) -> SearchSpace {
         let most = MOST_SIZES * self.size.abs();
         let range = free(size.name, size.minimum.max(-most), size.maximum.min(most));
-        let both = range.low < 0.0 && range.high > 0.0;
-        let start = |factor: f64| StartPoint {
-            signed: both,
-            ..self.start(&[(size.name, (factor * self.size).clamp(range.low, range.high))])
-        };
-        let signs: &[f64] = if both { &[1.0, -1.0] } else { &[1.0] };
+        let signed = range.low < 0.0 && range.high > 0.0;
+        let signs: &[f64] = if signed { &[1.0, -1.0] } else { &[1.0] };
         let factors =
             DEFAULT_STARTS.iter().flat_map(|factor| signs.iter().map(move |sign| sign * factor));
-        SearchSpace { free: vec![range], phasor: None, starts: factors.map(start).collect() }
+        let values: Vec<f64> =
+            factors.map(|factor| (factor * self.size).clamp(range.low, range.high)).collect();
+        SearchSpace { signed, ..SearchSpace::new([range], each(size.name, &values)) }
     }
 }
 

@@ -48,50 +48,25 @@ impl Variable {
             Self::Force => "force",
         }
     }
-
-    /// Its unit.
-    pub const fn unit(self) -> &'static str {
-        match self {
-            Self::Position => "rad",
-            Self::Velocity => "rad/s",
-            Self::Acceleration => "rad/s²",
-            Self::Torque => "N·m",
-            Self::Time => "s",
-            Self::Voltage | Self::VoltageTurning | Self::VoltageMean => "V",
-            Self::Deflection => "m",
-            Self::Force => "N",
-        }
-    }
 }
 
 /// Sites and variables of the functions tried. At the drive, functions of speed and position scale
 /// the motor torque (an additive torque would belong to the master). At the line the function is a
 /// force (N); of a line's force it is a creep speed (m/s), at both ends of the line or at master or
 /// slave only. At the sensor it is an additive error of the torque (N·m).
-pub const PLACES: [(Site, Variable); 22] = [
-    (Site::Drive, Variable::Voltage),
-    (Site::Drive, Variable::VoltageTurning),
-    (Site::Drive, Variable::VoltageMean),
-    (Site::Drive, Variable::Velocity),
-    (Site::Drive, Variable::Position),
-    (Site::Master, Variable::Position),
-    (Site::Master, Variable::Velocity),
-    (Site::Master, Variable::Torque),
-    (Site::Master, Variable::Force),
-    (Site::Master, Variable::Time),
-    (Site::Line, Variable::Deflection),
-    (Site::Line, Variable::Velocity),
-    (Site::Line, Variable::Force),
-    (Site::Slave, Variable::Position),
-    (Site::Slave, Variable::Velocity),
-    (Site::Slave, Variable::Torque),
-    (Site::Slave, Variable::Force),
-    (Site::Slave, Variable::Time),
-    (Site::Sensor, Variable::Torque),
-    (Site::Sensor, Variable::Position),
-    (Site::Sensor, Variable::Velocity),
-    (Site::Sensor, Variable::Acceleration),
-];
+pub const PLACES: [(Site, &[Variable]); 5] = {
+    use Variable::{
+        Acceleration, Deflection, Force, Position, Time, Torque, Velocity, Voltage, VoltageMean,
+        VoltageTurning,
+    };
+    [
+        (Site::Drive, &[Voltage, VoltageTurning, VoltageMean, Velocity, Position]),
+        (Site::Master, &[Position, Velocity, Torque, Force, Time]),
+        (Site::Line, &[Deflection, Velocity, Force]),
+        (Site::Slave, &[Position, Velocity, Torque, Force, Time]),
+        (Site::Sensor, &[Torque, Position, Velocity, Acceleration]),
+    ]
+};
 
 /// Width of the play (V).
 const TURN_V: f64 = 0.4;

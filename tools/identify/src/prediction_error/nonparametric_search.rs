@@ -154,12 +154,13 @@ pub fn search_nonparametric(
         .iter()
         .filter(|(site, _)| has_slave || *site != Site::Slave)
         .filter(|(site, _)| has_torque || *site != Site::Sensor)
+        .flat_map(|(site, variables)| variables.iter().map(|variable| (*site, *variable)))
         .filter(|place| {
-            localisation.as_ref().is_none_or(|localisation| localisation.allows(**place))
+            localisation.as_ref().is_none_or(|localisation| localisation.allows(*place))
         })
         .filter_map(|place| {
-            let (low, high) = range(model, &fit.records, *place);
-            let table = PiecewiseLinear::new(*place, low, high);
+            let (low, high) = range(model, &fit.records, place);
+            let table = PiecewiseLinear::new(place, low, high);
             let mut start = now.setting.clone();
             start.tables.push(table);
             let coarse: Vec<Setting> =

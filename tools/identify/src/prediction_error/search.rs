@@ -178,7 +178,10 @@ pub fn search(model: &mut TransmissionModel) -> Option<SearchResult> {
     }
     let mut search = Search::begin(model)?;
     // If a later model diverges, the result so far stands.
-    while search.steps.len() < MOST_EFFECTS && search.rounds.len() < MOST_ROUNDS && search.add() {
+    while search.found.steps.len() < MOST_EFFECTS
+        && search.found.rounds.len() < MOST_ROUNDS
+        && search.add()
+    {
         search.drop_redundant();
         search.substitute();
         if search.compare_with_runners_up().is_none() {
@@ -192,40 +195,37 @@ pub fn search(model: &mut TransmissionModel) -> Option<SearchResult> {
 struct Search<'a> {
     fit: Dataset<'a>,
     select: Dataset<'a>,
-    base: Fitted,
-    base_parameters: Vec<FreeParameter>,
-    /// The current model and its estimated parameters.
+    /// The current model.
     now: Fitted,
+    /// Its estimated parameters, declared and of the effects.
     parameters: Vec<FreeParameter>,
-    steps: Vec<SelectionStep>,
-    rounds: Vec<Vec<Validation>>,
-    given_up: Vec<(&'static str, Site)>,
     /// Runners-up of the first round.
     runners_up: Vec<RunnerUp>,
-    /// Runners-up of the last round.
+    /// Runners-up of the latest round.
     latest: Vec<RunnerUp>,
+    found: SearchResult,
 }
 
 impl<'a> Search<'a> {
     fn begin(model: &'a TransmissionModel) -> Option<Self> {
-        let (fit, select) = (Dataset::of(model, Role::Fit), Dataset::of(model, Role::Select));
+        let [fit, select] = [Role::Fit, Role::Select].map(|role| Dataset::of(model, role));
         let (base, base_parameters) = fit_base(&fit)?;
         let (now, parameters) = (base.clone(), base_parameters.clone());
-        let (steps, rounds, given_up) = (Vec::new(), Vec::new(), Vec::new());
-        let (runners_up, latest) = (Vec::new(), Vec::new());
-        Some(Self {
-            fit,
-            select,
+        let found = SearchResult {
             base,
             base_parameters,
-            now,
-            parameters,
-            steps,
-            rounds,
-            given_up,
-            runners_up,
-            latest,
-        })
+            parameters: Vec::new(),
+            steps: Vec::new(),
+            rounds: Vec::new(),
+            given_up: Vec::new(),
+            generic: Vec::new(),
+            unlisted_function: None,
+            localisation: None,
+            effect_parameters: Vec::new(),
+            inadequate: false,
+        };
+        let (runners_up, latest) = (Vec::new(), Vec::new());
+        Some(Self { fit, select, now, parameters, runners_up, latest, found })
     }
 }
 
@@ -268,9 +268,9 @@ impl Search<'_> {
                 step.validation.accepted = false;
             }
         }
-        self.rounds.push(tried.iter().map(|tried| tried.validation.clone()).collect());
+        self.found.rounds.push(tried.iter().map(|tried| tried.validation.clone()).collect());
         let Some(winner) = winner(&tried) else { return false };
-        self.steps.push(SelectionStep {
+        self.found.steps.push(SelectionStep {
             added: winner.validation.clone(),
             rivals: Vec::new(),
             fitted: winner.fitted.clone(),
@@ -280,7 +280,7 @@ impl Search<'_> {
                 && other.validation.gain >= A_RIVAL * winner.validation.gain
         };
         self.latest = tried.iter().filter(is_rival).filter_map(RunnerUp::of).collect();
-        if self.rounds.len() == 1 {
+        if self.found.rounds.len() == 1 {
             self.runners_up.clone_from(&self.latest);
         }
         (self.now, self.parameters) = refit((fit, select), winner, &listed[winner.candidate]);
@@ -292,8 +292,8 @@ impl Search<'_> {
         while let Some((at, fitted, left)) =
             redundant_effect(self.views(), &self.now, &self.parameters)
         {
-            let step = self.steps.remove(at);
-            self.given_up.push((step.added.id, step.added.site));
+            let step = self.found.steps.remove(at);
+            self.found.given_up.push((step.added.id, step.added.site));
             (self.now, self.parameters) = (fitted, left);
         }
     }
@@ -301,7 +301,7 @@ impl Search<'_> {
     /// Substitutes effects by runners-up that do clearly better beside the rest, until the noise
     /// floor is reached.
     fn substitute(&mut self) {
-        let count = self.steps.len();
+        let count = self.found.steps.len();
         for at in (0..count).filter(|_| count > 1) {
             if at_floor(self.fit.model, &self.select.records, &self.now.setting) {
                 return;
@@ -311,8 +311,8 @@ impl Search<'_> {
             else {
                 continue;
             };
-            let step = &mut self.steps[at];
-            self.given_up.push((step.added.id, step.added.site));
+            let step = &mut self.found.steps[at];
+            self.found.given_up.push((step.added.id, step.added.site));
             let gain = step.added.gain + found.beside.gain;
             step.added =
                 Validation { id: found.beside.id, site: found.beside.site, gain, ..step.added };
@@ -326,7 +326,7 @@ impl Search<'_> {
     fn compare_with_runners_up(&mut self) -> Option<()> {
         let single_effect_models =
             single_effect_models(self.views(), &self.now, &self.parameters, &self.runners_up)?;
-        let enough = if self.steps.len() > 1 { LEAST_GAIN } else { -BETTER };
+        let enough = if self.found.steps.len() > 1 { LEAST_GAIN } else { -BETTER };
         match &single_effect_models[..] {
             // One effect does as well as several, or better than the first winner after its refit.
             [best, rest @ ..] if best.beside.gain < enough => {
@@ -339,10 +339,10 @@ impl Search<'_> {
                     effect_count(&best.parameters),
                     rest.iter(),
                 );
-                self.steps.push(SelectionStep { added, rivals, fitted: self.now.clone() });
+                self.found.steps.push(SelectionStep { added, rivals, fitted: self.now.clone() });
             }
             all => {
-                if let [only] = &mut self.steps[..] {
+                if let [only] = &mut self.found.steps[..] {
                     let meant = (only.added.id, only.added.site);
                     let selected = self.select.residuals(&self.now.setting)?;
                     only.rivals =
@@ -350,9 +350,9 @@ impl Search<'_> {
                 }
             }
         }
-        if self.steps.len() == 1 && self.rounds.len() > 1 {
+        if self.found.steps.len() == 1 && self.found.rounds.len() > 1 {
             // It may have been added beside another effect.
-            self.steps[0].added = self.beside_declared()?;
+            self.found.steps[0].added = self.beside_declared()?;
         }
         Some(())
     }
@@ -360,14 +360,18 @@ impl Search<'_> {
     /// Adds the equivalent effect at another site as a rival where it explains nearly as much: the
     /// difference is numerical.
     fn name_equivalents(&mut self) -> Option<()> {
-        let (without, with) =
-            (self.select.residuals(&self.base.setting)?, self.select.residuals(&self.now.setting)?);
-        for at in 0..self.steps.len() {
-            let id = self.steps[at].added.id;
-            let Some(site) = equivalent_site((id, self.steps[at].added.site)) else { continue };
+        let (without, with) = (
+            self.select.residuals(&self.found.base.setting)?,
+            self.select.residuals(&self.now.setting)?,
+        );
+        for at in 0..self.found.steps.len() {
+            let id = self.found.steps[at].added.id;
+            let Some(site) = equivalent_site((id, self.found.steps[at].added.site)) else {
+                continue;
+            };
             let there =
                 self.now.setting.placed.iter().any(|placed| (placed.id, placed.site) == (id, site));
-            if there || !self.steps[at].rivals.is_empty() {
+            if there || !self.found.steps[at].rivals.is_empty() {
                 continue;
             }
             let mut setting = self.now.setting.clone();
@@ -380,7 +384,7 @@ impl Search<'_> {
             let [meant, equivalent_site] =
                 [&with, &there].map(|after| validate((id, site), &without, after).gain);
             if equivalent_site >= AS_MUCH * meant {
-                self.steps[at].rivals.push((id, site));
+                self.found.steps[at].rivals.push((id, site));
             }
         }
         Some(())
@@ -390,8 +394,8 @@ impl Search<'_> {
     /// distinguish; the one that explains more is kept.
     fn compare_encoders(&mut self) -> Option<()> {
         let mut with = self.select.residuals(&self.now.setting)?;
-        for at in 0..self.steps.len() {
-            let (id, site) = (self.steps[at].added.id, self.steps[at].added.site);
+        for at in 0..self.found.steps.len() {
+            let (id, site) = (self.found.steps[at].added.id, self.found.steps[at].added.site);
             let mut setting = self.now.setting.clone();
             let Some(encoder) =
                 setting.placed[at].values.iter_mut().find(|(name, _)| *name == WHICH_ENCODER)
@@ -407,22 +411,24 @@ impl Search<'_> {
             if beside < -BETTER {
                 (self.now, with, beside) = (other, there, -beside);
             }
-            if beside < AS_GOOD && self.steps[at].rivals.is_empty() {
-                self.steps[at].rivals.push((id, site));
+            if beside < AS_GOOD && self.found.steps[at].rivals.is_empty() {
+                self.found.steps[at].rivals.push((id, site));
             }
         }
         Some(())
     }
 
     fn give_up_all(&mut self) {
-        self.given_up.extend(self.steps.drain(..).map(|step| (step.added.id, step.added.site)));
+        self.found
+            .given_up
+            .extend(self.found.steps.drain(..).map(|step| (step.added.id, step.added.site)));
     }
 
     /// Validates a single-effect model against the declared one.
     fn beside_declared(&self) -> Option<Validation> {
         let only = self.now.setting.placed.first()?;
         let [before, after] =
-            [&self.base, &self.now].map(|fitted| self.select.residuals(&fitted.setting));
+            [&self.found.base, &self.now].map(|fitted| self.select.residuals(&fitted.setting));
         Some(validate((only.id, only.site), &before?, &after?))
     }
 
@@ -430,23 +436,23 @@ impl Search<'_> {
     fn conclude(mut self) -> SearchResult {
         self.name_equivalents();
         self.compare_encoders();
-        if let Some(step) = self.steps.last_mut() {
+        if let Some(step) = self.found.steps.last_mut() {
             step.fitted = self.now.clone();
         }
         let above = above_floor(self.fit.model, &self.select.records, &self.now.setting);
         let at_floor = above.is_some_and(|above| above.at_floor());
         let mut inadequate = above.is_some_and(|above| above.inadequate());
-        let declared = (&self.base, &self.base_parameters[..]);
+        let declared = (&self.found.base, &self.found.base_parameters[..]);
         // Inadequate effects would distort a function beside them.
         let mut nonparametric =
             inadequate.then(|| search_nonparametric(self.views(), declared, true));
         // A listed effect must not lose against a single nonparametric function.
-        if !inadequate && !at_floor && !self.steps.is_empty() {
+        if !inadequate && !at_floor && !self.found.steps.is_empty() {
             let anonymous = search_nonparametric(self.views(), declared, false);
             if let Some(best) = anonymous.best.as_ref().filter(|best| best.validation.accepted) {
                 let [named, unlisted_function] =
                     [&self.now, &best.fitted].map(|fitted| self.select.residuals(&fitted.setting));
-                let names = self.steps.iter().map(|step| (step.added.id, step.added.site));
+                let names = self.found.steps.iter().map(|step| (step.added.id, step.added.site));
                 let by = names
                     .into_iter()
                     .find(|(id, _)| is_bistable(id))
@@ -459,31 +465,19 @@ impl Search<'_> {
                 }
             }
         }
-        let NonparametricResult { tried: generic, best: unlisted_function, localisation } =
-            match nonparametric {
-                Some(nonparametric) => nonparametric,
-                None if at_floor => NonparametricResult::default(),
-                None => search_nonparametric(self.views(), (&self.now, &self.parameters), false),
-            };
+        let nonparametric = match nonparametric {
+            Some(nonparametric) => nonparametric,
+            None if at_floor => NonparametricResult::default(),
+            None => search_nonparametric(self.views(), (&self.now, &self.parameters), false),
+        };
+        self.found.set_nonparametric(nonparametric);
+        self.found.inadequate = inadequate;
         if inadequate {
             self.give_up_all();
-            self.parameters.clone_from(&self.base_parameters);
+            self.parameters.clone_from(&self.found.base_parameters);
         }
-        let (parameters, effect_parameters) =
+        (self.found.parameters, self.found.effect_parameters) =
             self.parameters.into_iter().partition(FreeParameter::is_base);
-        let Self { base, base_parameters, steps, rounds, given_up, .. } = self;
-        SearchResult {
-            base,
-            base_parameters,
-            parameters,
-            steps,
-            rounds,
-            given_up,
-            generic,
-            unlisted_function,
-            localisation,
-            effect_parameters,
-            inadequate,
-        }
+        self.found
     }
 }

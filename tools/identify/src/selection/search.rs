@@ -71,7 +71,7 @@ pub struct NonparametricFit {
     pub validation: Validation,
     /// Its table.
     pub unlisted: Unlisted,
-    /// Rms of its force on the selecting rows.
+    /// Rms of its force on the selection rows.
     pub size: f64,
     /// Whether it was screened by its equation error only.
     pub screened_only: bool,

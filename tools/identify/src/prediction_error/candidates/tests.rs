@@ -36,7 +36,7 @@ fn by_size(size: f64, minimum: f64, maximum: f64) -> (SearchRange, Vec<(f64, boo
     let info = ParameterInfo { name: "size", unit, minimum, maximum, printed: size, source };
     let search = Search { id: "example", site: Site::Slave, size, features: &features() };
     let space = search.by_size(&info);
-    let starts = space.starts.iter().map(|start| (start.placed.values[0].1, start.signed));
+    let starts = space.starts.iter().map(|values| (values[0].1, space.signed));
     (space.free[0], starts.collect())
 }
 
