@@ -7,6 +7,7 @@ use std::sync::LazyLock;
 use identify::equation_error::block_roles::Role;
 use identify::prediction_error::candidates::{Candidate, candidates, free_parameters_of};
 use identify::prediction_error::fit::Dataset;
+use identify::prediction_error::free_parameter::FreeParameter;
 use identify::prediction_error::parametric_bootstrap::{
     ServoGains, parametric_bootstrap, simulated_null,
 };
@@ -100,11 +101,11 @@ fn presliding_holds_with_finer_steps_only_if_it_is_real() {
             TransmissionModel::new("hydrostatic.toml", &rig().model, records, Some(COUNT_RAD))
                 .unwrap();
         let (fit, select) = (Dataset::of(&model, Role::Fit), Dataset::of(&model, Role::Select));
-        let (base, parameters) = fit_base(&fit).unwrap();
+        let base = fit_base(&fit).unwrap();
         let listed = candidates(&record_features(&fit, &base));
         let slave = |of: &&Candidate| (of.id, of.site) == ("presliding_hysteresis", Site::Slave);
         let of = listed.iter().find(slave).unwrap();
-        let own = [parameters.clone(), free_parameters_of(of, 0)].concat();
+        let own = [base.parameters.clone(), free_parameters_of(of, 0)].concat();
         let fits = of
             .starts
             .iter()
@@ -116,12 +117,8 @@ fn presliding_holds_with_finer_steps_only_if_it_is_real() {
         println!("{effect:?}: gain {:.2}", validation.gain);
         // Where there is none, steps of 2 ms are supposed to have shown one.
         validation.gain = validation.gain.max(0.5);
-        let added = FittedCandidate { candidate: 0, parameters: own, fitted, validation };
-        assert_eq!(
-            holds_with_finer_steps((&fit, &select), &base, &parameters, &added),
-            is_there,
-            "{effect:?}"
-        );
+        let added = FittedCandidate { candidate: 0, fitted, validation };
+        assert_eq!(holds_with_finer_steps((&fit, &select), &base, &added), is_there, "{effect:?}");
     }
 }
 
@@ -166,7 +163,7 @@ fn a_withdrawn_effect_leaves_the_declared_model() {
     found.without_last(model).unwrap();
     assert!(
         found.steps.is_empty()
-            && found.effect_parameters.is_empty()
+            && found.last().parameters.iter().all(FreeParameter::is_base)
             && found.last().setting.placed.is_empty()
     );
     assert!(found.without_last(model).is_some(), "nothing to take back is no failure");

@@ -263,7 +263,7 @@ mod tests {
     use crate::equation_error::block_roles::Role;
     use crate::models::simulated_experiment::plant;
     use crate::outcome::Identifiability;
-    use crate::prediction_error::fit::Dataset;
+    use crate::prediction_error::fit::{Dataset, Fitted};
     use crate::prediction_error::search::{SearchResult, SelectionStep};
     use crate::prediction_error::transmission_model::{PlacedEffect, Setting};
     use crate::prediction_error::validation::Validation;
@@ -319,6 +319,8 @@ mod tests {
         ]
         .map(index)
         .to_vec();
+        let [base, fitted] =
+            [base, fitted].map(|fitted| Fitted { parameters: parameters.clone(), ..fitted });
         let steps = effect.map(|placed| SelectionStep {
             added: Validation {
                 id: placed.id,
@@ -332,19 +334,8 @@ mod tests {
             rivals: rival.into_iter().collect(),
             fitted,
         });
-        let found = SearchResult {
-            base,
-            base_parameters: parameters.clone(),
-            parameters,
-            steps: steps.into_iter().collect(),
-            rounds: Vec::new(),
-            given_up: Vec::new(),
-            inadequate: false,
-            generic: Vec::new(),
-            unlisted_function: None,
-            localisation: None,
-            effect_parameters: Vec::new(),
-        };
+        let steps = steps.into_iter().collect();
+        let found = SearchResult { base, steps, ..SearchResult::default() };
         (rig, capability, Study { model, found, notes: Vec::new(), calibration: None })
     }
 

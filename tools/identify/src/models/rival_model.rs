@@ -52,10 +52,8 @@ pub(super) fn rival_of(
         })
         .collect();
     let best = starts.into_iter().min_by(|a, b| a.objective.total_cmp(&b.objective))?;
-    let of_others = found.effect_parameters.iter().filter(|parameter| !parameter.is_of(at));
-    let mut parameters: Vec<FreeParameter> = found.parameters.clone();
-    parameters.extend(of_others.cloned());
-    parameters.extend(free_parameters_of(candidate, at));
+    let others = found.last().parameters.iter().filter(|parameter| !parameter.is_of(at)).cloned();
+    let parameters: Vec<FreeParameter> = others.chain(free_parameters_of(candidate, at)).collect();
     let fitted = fit.fit(&best.setting, &parameters, 4)?;
     Some((fitted.setting, parameters))
 }

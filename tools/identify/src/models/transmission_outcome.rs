@@ -52,12 +52,7 @@ fn outcome(study: &Study) -> Option<Outcome> {
     let remains = found.unlisted_function.is_some() || found.inadequate;
     let verdict = Verdict::of(found.steps.len(), rivals.len(), remains);
     let fit = Dataset::of(&study.model, Role::Fit);
-    let estimated = match found.stand_alone_function() {
-        Some(unlisted_function) => unlisted_function.parameters.clone(),
-        None => found.parameters.iter().chain(&found.effect_parameters).cloned().collect(),
-    };
-    let deviations = fit.deviations(found.last(), &estimated, BLOCK);
-    let known: Vec<(FreeParameter, f64)> = estimated.into_iter().zip(deviations).collect();
+    let known = fit.deviations(found.last(), BLOCK);
     Some(Outcome {
         verdict,
         effects: effects(study, &known),
@@ -109,11 +104,7 @@ fn table(
     fit: &Dataset<'_>,
     known: Option<&Vec<(FreeParameter, f64)>>,
 ) -> UnlistedTable {
-    let own = || {
-        let deviations =
-            fit.deviations(&unlisted_function.fitted, &unlisted_function.parameters, BLOCK);
-        unlisted_function.parameters.iter().cloned().zip(deviations).collect()
-    };
+    let own = || fit.deviations(&unlisted_function.fitted, BLOCK);
     let known = known.cloned().unwrap_or_else(own);
     let of = |node: usize| {
         let is = |parameter: &FreeParameter| match parameter {

@@ -23,23 +23,22 @@ const LEAST_SUBSTITUTION: f64 = 0.1;
 /// Block t beyond which two effects are distinguished.
 const DISTINCT_T: f64 = 4.0;
 
-/// Returns an effect that later ones made redundant: its index, the model fitted without it, and
-/// that fit's parameters. The newest effect is exempt.
+/// Returns an effect that later ones made redundant: its index, and the model fitted without it.
+/// The newest effect is exempt.
 pub fn redundant_effect(
     (fit, select): (&Dataset<'_>, &Dataset<'_>),
     now: &Fitted,
-    parameters: &[FreeParameter],
-) -> Option<(usize, Fitted, Vec<FreeParameter>)> {
+) -> Option<(usize, Fitted)> {
     let with = select.residuals(&now.setting)?;
     (0..now.setting.placed.len().saturating_sub(1)).find_map(|at| {
         let mut setting = now.setting.clone();
         let placed = setting.placed.remove(at);
         let left: Vec<FreeParameter> =
-            parameters.iter().filter_map(|parameter| parameter.without(at)).collect();
+            now.parameters.iter().filter_map(|parameter| parameter.without(at)).collect();
         let fitted = fit.fit(&setting, &left, 2)?;
         let without = select.residuals(&fitted.setting)?;
         let validation = validate((placed.id, placed.site), &without, &with);
-        (validation.gain < LEAST_GAIN).then_some((at, fitted, left))
+        (validation.gain < LEAST_GAIN).then_some((at, fitted))
     })
 }
 
@@ -58,21 +57,26 @@ impl RunnerUp {
 
     /// Returns `None` if its gain was too small.
     pub fn of(tried: &FittedCandidate) -> Option<Self> {
-        let parameters =
-            tried.parameters.iter().filter(|parameter| !parameter.is_base()).cloned().collect();
+        let parameters = tried
+            .fitted
+            .parameters
+            .iter()
+            .filter(|parameter| !parameter.is_base())
+            .cloned()
+            .collect();
         (tried.validation.gain >= LEAST_FIRST)
             .then(|| Self { setting: tried.fitted.setting.clone(), parameters })
     }
 }
 
-/// A model with one effect substituted.
-pub struct Substitution {
-    /// Its validation against the model before.
+/// Another model than the current one.
+pub struct Alternative {
+    /// Its validation against the current model, or that of the current model against it.
     pub beside: Validation,
     /// The model.
     pub fitted: Fitted,
-    /// What its fit moved.
-    pub parameters: Vec<FreeParameter>,
+    /// Its residuals on the selecting records.
+    pub selected: Vec<Residual>,
 }
 
 /// Substitutes the effect at `at` by the best runner-up, since early effects were selected while
@@ -80,16 +84,15 @@ pub struct Substitution {
 pub fn substitute(
     (fit, select): (&Dataset<'_>, &Dataset<'_>),
     now: &Fitted,
-    parameters: &[FreeParameter],
     at: usize,
     runners_up: &[RunnerUp],
-) -> Option<Substitution> {
+) -> Option<Alternative> {
     let with = select.residuals(&now.setting)?;
-    let one = |other: &RunnerUp| -> Option<Substitution> {
+    let one = |other: &RunnerUp| -> Option<Alternative> {
         let placed = other.setting.placed.last()?;
         let mut setting = now.setting.clone();
         *setting.placed.get_mut(at)? = placed.clone();
-        let kept = parameters.iter().filter(|parameter| !parameter.is_of(at)).cloned();
+        let kept = now.parameters.iter().filter(|parameter| !parameter.is_of(at)).cloned();
         let free: Vec<FreeParameter> = kept
             .chain(
                 other
@@ -100,8 +103,9 @@ pub fn substitute(
             )
             .collect();
         let fitted = fit.fit(&setting, &free, SUBSTITUTION_ROUNDS)?;
-        let beside = validate((placed.id, placed.site), &with, &select.residuals(&fitted.setting)?);
-        Some(Substitution { beside, fitted, parameters: free })
+        let selected = select.residuals(&fitted.setting)?;
+        let beside = validate((placed.id, placed.site), &with, &selected);
+        Some(Alternative { beside, fitted, selected })
     };
     let there = |other: &&RunnerUp| {
         let own = other.setting.placed.last();
@@ -115,31 +119,19 @@ pub fn substitute(
         .filter(|best| best.beside.gain >= LEAST_SUBSTITUTION)
 }
 
-/// A model with one runner-up as its only effect.
-pub struct SingleEffectModel {
-    /// Validation of the current effects against it, on the selecting records.
-    pub beside: Validation,
-    /// The model.
-    pub fitted: Fitted,
-    /// What its fit moved.
-    pub parameters: Vec<FreeParameter>,
-    /// Its residuals on the selecting records.
-    pub selected: Vec<Residual>,
-}
-
 /// Fits each runner-up of the first round as the only effect, starting from the current declared
-/// parameters as well. Best first; those far behind are left out.
+/// parameters as well; the current model is validated against each. Best first; those far behind
+/// are left out.
 pub fn single_effect_models(
     (fit, select): (&Dataset<'_>, &Dataset<'_>),
     now: &Fitted,
-    parameters: &[FreeParameter],
     runners_up: &[RunnerUp],
-) -> Option<Vec<SingleEffectModel>> {
+) -> Option<Vec<Alternative>> {
     let with = select.residuals(&now.setting)?;
-    let one = |other: &RunnerUp| -> Option<SingleEffectModel> {
+    let one = |other: &RunnerUp| -> Option<Alternative> {
         let placed = other.setting.placed.first()?;
         let mut free: Vec<FreeParameter> =
-            parameters.iter().filter(|parameter| parameter.is_base()).cloned().collect();
+            now.parameters.iter().filter(|parameter| parameter.is_base()).cloned().collect();
         free.extend(other.parameters.iter().cloned());
         let there = Setting { placed: vec![placed.clone()], ..now.setting.clone() };
         let starts = [there, other.setting.clone()].map(|start| fit.evaluate(start));
@@ -155,17 +147,16 @@ pub fn single_effect_models(
         }
         let fitted = fit.fit(&near.setting, &free, 2)?;
         let (beside, selected) = beside(&fitted)?;
-        Some(SingleEffectModel { beside, fitted, parameters: free, selected })
+        Some(Alternative { beside, fitted, selected })
     };
-    let mut found: Vec<SingleEffectModel> =
-        runners_up.iter().take(RUNNERS_UP).filter_map(one).collect();
+    let mut found: Vec<Alternative> = runners_up.iter().take(RUNNERS_UP).filter_map(one).collect();
     found.sort_by(|a, b| a.beside.gain.total_cmp(&b.beside.gain));
     Some(found)
 }
 
-/// Number of parameters that belong to effects.
-pub fn effect_count(parameters: &[FreeParameter]) -> usize {
-    parameters.iter().filter(|parameter| !parameter.is_base()).count()
+/// Number of estimated parameters that belong to effects.
+fn effect_count(fitted: &Fitted) -> usize {
+    fitted.parameters.iter().filter(|parameter| !parameter.is_base()).count()
 }
 
 /// Whether two effects are equivalent on every record: delayed motor voltage and delayed sensors
@@ -185,22 +176,21 @@ pub fn equivalent_site((id, site): (&str, Site)) -> Option<Site> {
 }
 
 /// Returns at most two of some models that the selecting records cannot distinguish from the effect
-/// `meant`, which has `count` parameters and the residuals `selected`. Models with more parameters
-/// are no rivals.
-pub fn rivals<'a>(
+/// `meant`, whose model has the residuals `selected`. Models with more parameters are no rivals.
+pub fn rivals(
     meant: (&str, Site),
-    selected: &[Residual],
-    count: usize,
-    models: impl Iterator<Item = &'a SingleEffectModel>,
+    (fitted, selected): (&Fitted, &[Residual]),
+    models: &[Alternative],
 ) -> Vec<(&'static str, Site)> {
     models
-        .filter(|model| effect_count(&model.parameters) <= count)
+        .iter()
+        .filter(|model| effect_count(&model.fitted) <= effect_count(fitted))
         .filter(|model| {
-            let beside = validate((model.beside.id, model.beside.site), &model.selected, selected);
-            let same = are_equivalent(meant, (model.beside.id, model.beside.site));
+            let beside = validate(model.beside.effect(), &model.selected, selected);
+            let same = are_equivalent(meant, model.beside.effect());
             beside.gain < AS_GOOD && beside.t.abs() < DISTINCT_T || same && beside.gain < LEAST_GAIN
         })
-        .map(|model| (model.beside.id, model.beside.site))
+        .map(|model| model.beside.effect())
         .take(2)
         .collect()
 }

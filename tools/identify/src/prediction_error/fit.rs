@@ -42,7 +42,7 @@ pub struct Dataset<'a> {
 }
 
 /// A setting with its residuals.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Fitted {
     /// The setting.
     pub setting: Setting,
@@ -50,6 +50,8 @@ pub struct Fitted {
     pub residuals: Vec<Residual>,
     /// Negative log-likelihood with the prior, up to a constant.
     pub objective: f64,
+    /// The parameters that were estimated, declared ones first; none where it was not fitted.
+    pub parameters: Vec<FreeParameter>,
 }
 
 impl Fitted {
@@ -98,7 +100,7 @@ impl Dataset<'_> {
     pub fn evaluate(&self, setting: Setting) -> Option<Fitted> {
         let residuals = self.residuals(&setting)?;
         let objective = objective(&residuals) + self.prior(&setting);
-        Some(Fitted { setting, residuals, objective })
+        Some(Fitted { setting, residuals, objective, parameters: Vec::new() })
     }
 
     fn prior(&self, setting: &Setting) -> f64 {
@@ -267,7 +269,7 @@ impl Dataset<'_> {
                 break;
             }
         }
-        Some(best)
+        Some(Fitted { parameters: parameters.to_vec(), ..best })
     }
 
     /// Returns the best of several starting points after a brief fit, best first. The criterion at
@@ -430,12 +432,8 @@ impl Dataset<'_> {
     /// Returns the standard deviation of each parameter's value from the sandwich covariance with
     /// scores summed over blocks of correlated rows; infinite where the parameter is not
     /// identifiable.
-    pub fn deviations(
-        &self,
-        fitted: &Fitted,
-        parameters: &[FreeParameter],
-        block: usize,
-    ) -> Vec<f64> {
+    pub fn deviations(&self, fitted: &Fitted, block: usize) -> Vec<(FreeParameter, f64)> {
+        let parameters = &fitted.parameters;
         let weights = Self::weights(&fitted.residuals);
         let jacobian = self.jacobian(fitted, parameters, &weights);
         let rows = Self::stack(&fitted.residuals, &weights);
@@ -444,7 +442,7 @@ impl Dataset<'_> {
         let seen: Vec<bool> = normal.diagonal().iter().map(|entry| *entry > unseen).collect();
         let ridge = DMatrix::from_diagonal(&normal.diagonal().map(|entry| 1e-9 * entry + 1e-12));
         let Some(factors) = (normal + ridge).cholesky() else {
-            return vec![f64::INFINITY; parameters.len()];
+            return parameters.iter().map(|own| (own.clone(), f64::INFINITY)).collect();
         };
         let inverse = factors.inverse();
         let mut spread = DMatrix::zeros(parameters.len(), parameters.len());
@@ -470,7 +468,9 @@ impl Dataset<'_> {
             // A parameter to which few blocks are sensitive has no spread among them; the
             // independent-rows variance is then the lower bound.
             let variance = covariance[(index, index)].max(inverse[(index, index)]);
-            if seen[index] { variance.max(0.0).sqrt() * slope.abs() } else { f64::INFINITY }
+            let known =
+                if seen[index] { variance.max(0.0).sqrt() * slope.abs() } else { f64::INFINITY };
+            (parameter.clone(), known)
         };
         parameters.iter().enumerate().map(by_value).collect()
     }

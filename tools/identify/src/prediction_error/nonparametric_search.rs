@@ -31,8 +31,6 @@ pub struct UnlistedFunction {
     pub table: PiecewiseLinear,
     /// The model with it.
     pub fitted: Fitted,
-    /// Estimated parameters, its own nodes last.
-    pub parameters: Vec<FreeParameter>,
 }
 
 /// Result of the nonparametric search.
@@ -139,11 +137,11 @@ fn add_hat(setting: Setting, node: usize, units: f64) -> Setting {
 /// the localised site, and the localisation is returned.
 pub fn search_nonparametric(
     (fit, select): (&Dataset<'_>, &Dataset<'_>),
-    (now, parameters): (&Fitted, &[FreeParameter]),
+    now: &Fitted,
     inadequate: bool,
 ) -> NonparametricResult {
     let model = fit.model;
-    let projection = Projection::new(fit, now, parameters);
+    let projection = Projection::new(fit, now);
     let Some(before) = select.residuals(&now.setting) else {
         return NonparametricResult::default();
     };
@@ -180,7 +178,7 @@ pub fn search_nonparametric(
             let table = start.tables.last()?;
             let most = NODE_BOUND * unit((table.site, table.variable));
             let nodes = (0..NODES).map(|node| FreeParameter::Node { node, most });
-            let free: Vec<FreeParameter> = parameters.iter().cloned().chain(nodes).collect();
+            let free: Vec<FreeParameter> = now.parameters.iter().cloned().chain(nodes).collect();
             let fitted = fit.fit(&start, &free, ROUNDS)?;
             let table = fitted.setting.tables.last()?.clone();
             let mut validation = validate(
@@ -189,7 +187,7 @@ pub fn search_nonparametric(
                 &select.residuals(&fitted.setting)?,
             );
             validation.accepted &= validation.gain >= LEAST_GAIN;
-            Some(UnlistedFunction { validation, table, fitted, parameters: free })
+            Some(UnlistedFunction { validation, table, fitted })
         })
         .collect();
     tried.sort_by(|a, b| b.validation.gain.total_cmp(&a.validation.gain));

@@ -46,8 +46,8 @@ fn estimable(dataset: &Dataset<'_>, fitted: &Fitted) -> Vec<FreeParameter> {
     chosen
 }
 
-/// Fits the declared model within its tolerances; returns the fit and the parameters estimated.
-pub fn fit_base(fit: &Dataset<'_>) -> Option<(Fitted, Vec<FreeParameter>)> {
+/// Fits the declared model within its tolerances.
+pub fn fit_base(fit: &Dataset<'_>) -> Option<Fitted> {
     let model = fit.model;
     let smoothing = model.base.iter().position(|parameter| parameter.name == SMOOTHING);
     let starts = SMOOTHING_STARTS.iter().filter_map(|speed| {
@@ -61,20 +61,18 @@ pub fn fit_base(fit: &Dataset<'_>) -> Option<(Fitted, Vec<FreeParameter>)> {
     });
     let best = starts.min_by(|a, b| a.objective.total_cmp(&b.objective))?;
     // A smaller residual reveals more parameters.
-    let parameters = estimable(fit, &best);
-    let fitted = fit.fit(&best.setting, &parameters, 6)?;
-    Some((fitted, parameters))
+    fit.fit(&best.setting, &estimable(fit, &best), 6)
 }
 
-/// Refits the whole model after an effect was added; returns the fit and the parameters estimated.
+/// Refits the whole model after an effect was added.
 pub fn refit(
     (fit, select): (&Dataset<'_>, &Dataset<'_>),
     winner: &FittedCandidate,
     of: &Candidate,
-) -> (Fitted, Vec<FreeParameter>) {
+) -> Fitted {
     let model = fit.model;
     let own: Vec<FreeParameter> =
-        winner.parameters.iter().filter(|parameter| !parameter.is_base()).cloned().collect();
+        winner.fitted.parameters.iter().filter(|parameter| !parameter.is_base()).cloned().collect();
     let shown = |fitted: &Fitted| [estimable(fit, fitted), own.clone()].concat();
     let mut parameters = shown(&winner.fitted);
     let mut now =
@@ -114,5 +112,5 @@ pub fn refit(
             break;
         }
     }
-    (now, parameters)
+    Fitted { parameters, ..now }
 }

@@ -52,7 +52,8 @@ pub struct ScoredCandidate {
 
 impl Projection {
     /// Projects the residual of a fit by its estimated parameters.
-    pub fn new(dataset: &Dataset<'_>, fitted: &Fitted, parameters: &[FreeParameter]) -> Self {
+    pub fn new(dataset: &Dataset<'_>, fitted: &Fitted) -> Self {
+        let parameters = &fitted.parameters;
         let weights = Dataset::weights(&fitted.residuals);
         let here = Dataset::stack(&fitted.residuals, &weights);
         let jacobian = dataset.jacobian(fitted, parameters, &weights);

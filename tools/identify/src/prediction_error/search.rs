@@ -4,8 +4,7 @@
 use plant::effects::Site;
 
 use super::backward_elimination::{
-    AS_GOOD, RunnerUp, effect_count, equivalent_site, redundant_effect, rivals,
-    single_effect_models, substitute,
+    AS_GOOD, RunnerUp, equivalent_site, redundant_effect, rivals, single_effect_models, substitute,
 };
 use super::candidates::{Candidate, candidates};
 use super::fit::{Dataset, Fitted};
@@ -53,14 +52,10 @@ pub struct SelectionStep {
 }
 
 /// Result of the stepwise selection.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct SearchResult {
     /// The declared model, fitted within its tolerances.
     pub base: Fitted,
-    /// Parameters estimated in that fit.
-    pub base_parameters: Vec<FreeParameter>,
-    /// Declared parameters estimated in the last fit.
-    pub parameters: Vec<FreeParameter>,
     /// Effects in the order in which they were added.
     pub steps: Vec<SelectionStep>,
     /// Candidates fitted in each round, best first.
@@ -73,8 +68,6 @@ pub struct SearchResult {
     pub unlisted_function: Option<UnlistedFunction>,
     /// Where the unmodelled torque enters; only if no listed effect is adequate.
     pub localisation: Option<Localisation>,
-    /// Free parameters of the effects added.
-    pub effect_parameters: Vec<FreeParameter>,
     /// Whether the error stays so far above the noise floor that no listed effect is adequate.
     pub inadequate: bool,
 }
@@ -112,17 +105,12 @@ impl SearchResult {
     pub fn without_last(&mut self, model: &TransmissionModel) -> Option<()> {
         let Some(step) = self.steps.pop() else { return Some(()) };
         let at = step.fitted.setting.placed.len().saturating_sub(1);
-        self.effect_parameters =
-            self.effect_parameters.iter().filter_map(|parameter| parameter.without(at)).collect();
         self.set_nonparametric(NonparametricResult::default());
-        if self.steps.is_empty() {
-            self.parameters.clone_from(&self.base_parameters);
-        }
         if let Some(last) = self.steps.last_mut() {
-            let mut setting = step.fitted.setting;
+            let Fitted { mut setting, parameters, .. } = step.fitted;
             setting.placed.truncate(at);
             let parameters: Vec<FreeParameter> =
-                self.parameters.iter().chain(&self.effect_parameters).cloned().collect();
+                parameters.iter().filter_map(|parameter| parameter.without(at)).collect();
             last.fitted =
                 Dataset::of(model, Role::Fit).fit(&setting, &parameters, WITHDRAWAL_FIT_ROUNDS)?;
         }
@@ -146,22 +134,15 @@ impl SearchResult {
             return;
         }
         self.inadequate = above.is_some_and(|above| above.inadequate());
-        let parameters: Vec<FreeParameter> =
-            self.parameters.iter().chain(&self.effect_parameters).cloned().collect();
-        let (now, parameters) = match self.inadequate {
-            true => (self.base.clone(), self.base_parameters.clone()),
-            false => (self.last().clone(), parameters),
-        };
-        self.set_nonparametric(search_nonparametric(
-            (&fit, &select),
-            (&now, &parameters),
-            self.inadequate,
-        ));
+        let now = if self.inadequate { &self.base } else { self.last() };
+        self.set_nonparametric(search_nonparametric((&fit, &select), now, self.inadequate));
         if self.inadequate {
-            self.given_up.extend(self.steps.drain(..).map(|step| (step.added.id, step.added.site)));
-            self.parameters.clone_from(&self.base_parameters);
-            self.effect_parameters.clear();
+            self.give_up_all();
         }
+    }
+
+    fn give_up_all(&mut self) {
+        self.given_up.extend(self.steps.drain(..).map(|step| step.added.effect()));
     }
 }
 
@@ -172,7 +153,7 @@ pub fn search(model: &mut TransmissionModel) -> Option<SearchResult> {
     if !hands.is_empty() {
         let idle = Dataset::of(model, Role::Fit).without(&hands);
         if !idle.records.is_empty() {
-            let (base, _) = fit_base(&idle)?;
+            let base = fit_base(&idle)?;
             restore_signs(model, hands, &base.setting)?;
         }
     }
@@ -197,8 +178,6 @@ struct Search<'a> {
     select: Dataset<'a>,
     /// The current model.
     now: Fitted,
-    /// Its estimated parameters, declared and of the effects.
-    parameters: Vec<FreeParameter>,
     /// Runners-up of the first round.
     runners_up: Vec<RunnerUp>,
     /// Runners-up of the latest round.
@@ -209,23 +188,10 @@ struct Search<'a> {
 impl<'a> Search<'a> {
     fn begin(model: &'a TransmissionModel) -> Option<Self> {
         let [fit, select] = [Role::Fit, Role::Select].map(|role| Dataset::of(model, role));
-        let (base, base_parameters) = fit_base(&fit)?;
-        let (now, parameters) = (base.clone(), base_parameters.clone());
-        let found = SearchResult {
-            base,
-            base_parameters,
-            parameters: Vec::new(),
-            steps: Vec::new(),
-            rounds: Vec::new(),
-            given_up: Vec::new(),
-            generic: Vec::new(),
-            unlisted_function: None,
-            localisation: None,
-            effect_parameters: Vec::new(),
-            inadequate: false,
-        };
-        let (runners_up, latest) = (Vec::new(), Vec::new());
-        Some(Self { fit, select, now, parameters, runners_up, latest, found })
+        let base = fit_base(&fit)?;
+        let now = base.clone();
+        let found = SearchResult { base, ..SearchResult::default() };
+        Some(Self { fit, select, now, runners_up: Vec::new(), latest: Vec::new(), found })
     }
 }
 
@@ -247,19 +213,12 @@ impl Search<'_> {
                     .all(|placed| (placed.id, placed.site) != (candidate.id, candidate.site))
             })
             .collect();
-        let round = SelectionRound {
-            fit,
-            select,
-            now,
-            parameters: &self.parameters,
-            before: &before,
-            candidates: &listed,
-        };
+        let round = SelectionRound { fit, select, now, before: &before, candidates: &listed };
         let mut tried = round.run();
         let held = |tried: &FittedCandidate| {
             now.setting.placed.is_empty()
                 || !may_be_step_artefact(tried.validation.id)
-                || holds_with_finer_steps(self.views(), now, &self.parameters, tried)
+                || holds_with_finer_steps(self.views(), now, tried)
         };
         while let Some(at) =
             winner(&tried).filter(|winner| !held(winner)).map(|winner| winner.candidate)
@@ -283,18 +242,16 @@ impl Search<'_> {
         if self.found.rounds.len() == 1 {
             self.runners_up.clone_from(&self.latest);
         }
-        (self.now, self.parameters) = refit((fit, select), winner, &listed[winner.candidate]);
+        self.now = refit((fit, select), winner, &listed[winner.candidate]);
         true
     }
 
     /// Removes effects that the newest one made redundant.
     fn drop_redundant(&mut self) {
-        while let Some((at, fitted, left)) =
-            redundant_effect(self.views(), &self.now, &self.parameters)
-        {
+        while let Some((at, fitted)) = redundant_effect(self.views(), &self.now) {
             let step = self.found.steps.remove(at);
-            self.found.given_up.push((step.added.id, step.added.site));
-            (self.now, self.parameters) = (fitted, left);
+            self.found.given_up.push(step.added.effect());
+            self.now = fitted;
         }
     }
 
@@ -307,46 +264,37 @@ impl Search<'_> {
                 return;
             }
             let runners_up = if at + 1 == count { &self.latest } else { &self.runners_up };
-            let Some(found) = substitute(self.views(), &self.now, &self.parameters, at, runners_up)
-            else {
+            let Some(found) = substitute(self.views(), &self.now, at, runners_up) else {
                 continue;
             };
             let step = &mut self.found.steps[at];
-            self.found.given_up.push((step.added.id, step.added.site));
+            self.found.given_up.push(step.added.effect());
             let gain = step.added.gain + found.beside.gain;
             step.added =
                 Validation { id: found.beside.id, site: found.beside.site, gain, ..step.added };
             step.rivals.clear();
-            (self.now, self.parameters) = (found.fitted, found.parameters);
+            self.now = found.fitted;
         }
     }
 
     /// Fits the first round's runners-up alone: one that does as well replaces all effects; those
     /// that the records cannot distinguish from a single effect become its rivals.
     fn compare_with_runners_up(&mut self) -> Option<()> {
-        let single_effect_models =
-            single_effect_models(self.views(), &self.now, &self.parameters, &self.runners_up)?;
+        let single_effect_models = single_effect_models(self.views(), &self.now, &self.runners_up)?;
         let enough = if self.found.steps.len() > 1 { LEAST_GAIN } else { -BETTER };
         match &single_effect_models[..] {
             // One effect does as well as several, or better than the first winner after its refit.
             [best, rest @ ..] if best.beside.gain < enough => {
-                self.give_up_all();
-                (self.now, self.parameters) = (best.fitted.clone(), best.parameters.clone());
+                self.found.give_up_all();
+                self.now = best.fitted.clone();
                 let added = self.beside_declared()?;
-                let rivals = rivals(
-                    (added.id, added.site),
-                    &best.selected,
-                    effect_count(&best.parameters),
-                    rest.iter(),
-                );
+                let rivals = rivals(added.effect(), (&best.fitted, &best.selected), rest);
                 self.found.steps.push(SelectionStep { added, rivals, fitted: self.now.clone() });
             }
             all => {
                 if let [only] = &mut self.found.steps[..] {
-                    let meant = (only.added.id, only.added.site);
                     let selected = self.select.residuals(&self.now.setting)?;
-                    only.rivals =
-                        rivals(meant, &selected, effect_count(&self.parameters), all.iter());
+                    only.rivals = rivals(only.added.effect(), (&self.now, &selected), all);
                 }
             }
         }
@@ -365,10 +313,8 @@ impl Search<'_> {
             self.select.residuals(&self.now.setting)?,
         );
         for at in 0..self.found.steps.len() {
-            let id = self.found.steps[at].added.id;
-            let Some(site) = equivalent_site((id, self.found.steps[at].added.site)) else {
-                continue;
-            };
+            let added = self.found.steps[at].added.effect();
+            let (id, Some(site)) = (added.0, equivalent_site(added)) else { continue };
             let there =
                 self.now.setting.placed.iter().any(|placed| (placed.id, placed.site) == (id, site));
             if there || !self.found.steps[at].rivals.is_empty() {
@@ -376,7 +322,7 @@ impl Search<'_> {
             }
             let mut setting = self.now.setting.clone();
             setting.placed[at].site = site;
-            let Some(fitted) = self.fit.fit(&setting, &self.parameters, EQUIVALENT_FIT_ROUNDS)
+            let Some(fitted) = self.fit.fit(&setting, &self.now.parameters, EQUIVALENT_FIT_ROUNDS)
             else {
                 continue;
             };
@@ -395,7 +341,7 @@ impl Search<'_> {
     fn compare_encoders(&mut self) -> Option<()> {
         let mut with = self.select.residuals(&self.now.setting)?;
         for at in 0..self.found.steps.len() {
-            let (id, site) = (self.found.steps[at].added.id, self.found.steps[at].added.site);
+            let (id, site) = self.found.steps[at].added.effect();
             let mut setting = self.now.setting.clone();
             let Some(encoder) =
                 setting.placed[at].values.iter_mut().find(|(name, _)| *name == WHICH_ENCODER)
@@ -403,7 +349,8 @@ impl Search<'_> {
                 continue;
             };
             encoder.1 = 1.0 - encoder.1;
-            let Some(other) = self.fit.fit(&setting, &self.parameters, ENCODER_FIT_ROUNDS) else {
+            let Some(other) = self.fit.fit(&setting, &self.now.parameters, ENCODER_FIT_ROUNDS)
+            else {
                 continue;
             };
             let Some(there) = self.select.residuals(&other.setting) else { continue };
@@ -416,12 +363,6 @@ impl Search<'_> {
             }
         }
         Some(())
-    }
-
-    fn give_up_all(&mut self) {
-        self.found
-            .given_up
-            .extend(self.found.steps.drain(..).map(|step| (step.added.id, step.added.site)));
     }
 
     /// Validates a single-effect model against the declared one.
@@ -442,7 +383,7 @@ impl Search<'_> {
         let above = above_floor(self.fit.model, &self.select.records, &self.now.setting);
         let at_floor = above.is_some_and(|above| above.at_floor());
         let mut inadequate = above.is_some_and(|above| above.inadequate());
-        let declared = (&self.found.base, &self.found.base_parameters[..]);
+        let declared = &self.found.base;
         // Inadequate effects would distort a function beside them.
         let mut nonparametric =
             inadequate.then(|| search_nonparametric(self.views(), declared, true));
@@ -452,11 +393,9 @@ impl Search<'_> {
             if let Some(best) = anonymous.best.as_ref().filter(|best| best.validation.accepted) {
                 let [named, unlisted_function] =
                     [&self.now, &best.fitted].map(|fitted| self.select.residuals(&fitted.setting));
-                let names = self.found.steps.iter().map(|step| (step.added.id, step.added.site));
-                let by = names
-                    .into_iter()
+                let by = (self.found.steps.iter().map(|step| step.added.effect()))
                     .find(|(id, _)| is_bistable(id))
-                    .unwrap_or((best.validation.id, best.validation.site));
+                    .unwrap_or(best.validation.effect());
                 let more = named.zip(unlisted_function).map(|(named, unlisted_function)| {
                     validate(by, &named, &unlisted_function).gain
                 });
@@ -468,16 +407,13 @@ impl Search<'_> {
         let nonparametric = match nonparametric {
             Some(nonparametric) => nonparametric,
             None if at_floor => NonparametricResult::default(),
-            None => search_nonparametric(self.views(), (&self.now, &self.parameters), false),
+            None => search_nonparametric(self.views(), &self.now, false),
         };
         self.found.set_nonparametric(nonparametric);
         self.found.inadequate = inadequate;
         if inadequate {
-            self.give_up_all();
-            self.parameters.clone_from(&self.found.base_parameters);
+            self.found.give_up_all();
         }
-        (self.found.parameters, self.found.effect_parameters) =
-            self.parameters.into_iter().partition(FreeParameter::is_base);
         self.found
     }
 }

@@ -41,9 +41,7 @@ const CONVERGENCE_ROUNDS: usize = 3;
 pub struct FittedCandidate {
     /// Index of the candidate.
     pub candidate: usize,
-    /// Estimated parameters, the candidate's own last.
-    pub parameters: Vec<FreeParameter>,
-    /// The model with it.
+    /// The model with it; the candidate's own parameters are the last of the estimated ones.
     pub fitted: Fitted,
     /// Its validation.
     pub validation: Validation,
@@ -57,8 +55,6 @@ pub struct SelectionRound<'a> {
     pub select: &'a Dataset<'a>,
     /// The current model.
     pub now: &'a Fitted,
-    /// Its estimated parameters.
-    pub parameters: &'a [FreeParameter],
     /// Its residuals on the selecting records.
     pub before: &'a [Residual],
     /// Candidates.
@@ -68,7 +64,7 @@ pub struct SelectionRound<'a> {
 impl SelectionRound<'_> {
     /// Returns all candidates that were fitted, best first.
     pub fn run(&self) -> Vec<FittedCandidate> {
-        let projection = Projection::new(self.fit, self.now, self.parameters);
+        let projection = Projection::new(self.fit, self.now);
         let scored = projection.rank(self.fit, self.now, self.candidates);
         let mut tried: Vec<FittedCandidate> = scored
             .iter()
@@ -107,15 +103,10 @@ impl SelectionRound<'_> {
     fn free(&self, candidate: usize, setting: &Setting) -> Vec<FreeParameter> {
         let own =
             free_parameters_of(&self.candidates[candidate], setting.placed.len().saturating_sub(1));
-        self.parameters.iter().cloned().chain(own).collect()
+        self.now.parameters.iter().cloned().chain(own).collect()
     }
 
-    fn validation(
-        &self,
-        candidate: usize,
-        parameters: Vec<FreeParameter>,
-        fitted: Fitted,
-    ) -> Option<FittedCandidate> {
+    fn validation(&self, candidate: usize, fitted: Fitted) -> Option<FittedCandidate> {
         let selected = self.select.residuals(&fitted.setting)?;
         let of = &self.candidates[candidate];
         let beside = self.now.setting.placed.len();
@@ -131,31 +122,31 @@ impl SelectionRound<'_> {
             };
             validation.accepted &= !own.iter().any(gone);
         }
-        Some(FittedCandidate { candidate, parameters, fitted, validation })
+        Some(FittedCandidate { candidate, fitted, validation })
     }
 
     fn fitted(&self, candidate: usize, start: &Setting, rounds: usize) -> Option<FittedCandidate> {
-        let free = self.free(candidate, start);
-        let fitted = self.fit.fit(start, &free, rounds)?;
-        self.validation(candidate, free, fitted)
+        let fitted = self.fit.fit(start, &self.free(candidate, start), rounds)?;
+        self.validation(candidate, fitted)
     }
 
     /// Takes a step or two with the Jacobian of the current model.
     fn quick(&self, scored: &ScoredCandidate, projection: &Projection) -> Option<FittedCandidate> {
         let start = self.now.setting.with(&scored.placed);
         let free = self.free(scored.candidate, &start);
-        let own = &free[self.parameters.len()..];
+        let known = self.now.parameters.len();
+        let own = &free[known..];
         let mut fitted = self.fit.evaluate(self.fit.inside(start, &free))?;
         for _ in 0..QUICK_STEPS {
             let of_effect = self.fit.jacobian(&fitted, own, &projection.weights);
             let mut jacobian = projection.jacobian.clone().resize_horizontally(free.len(), 0.0);
-            jacobian.columns_mut(self.parameters.len(), of_effect.ncols()).copy_from(&of_effect);
+            jacobian.columns_mut(known, of_effect.ncols()).copy_from(&of_effect);
             match self.fit.step(&fitted, &free, &jacobian, &projection.weights) {
                 Some(better) => fitted = better,
                 None => break,
             }
         }
-        self.validation(scored.candidate, free, fitted)
+        self.validation(scored.candidate, Fitted { parameters: free, ..fitted })
     }
 
     fn improve(
@@ -181,14 +172,11 @@ impl SelectionRound<'_> {
             }
         }
         // Beside an effect the declared values may diverge.
-        let start =
-            self.fit.evaluate(self.fit.inside(declared(model, &self.now.setting), self.parameters));
-        let Some(start) = start else { return };
-        let ranked = Projection::new(self.fit, &start, self.parameters).rank(
-            self.fit,
-            &start,
-            self.candidates,
-        );
+        let parameters = self.now.parameters.clone();
+        let declared = self.fit.inside(declared(model, &self.now.setting), &parameters);
+        let Some(start) = self.fit.evaluate(declared) else { return };
+        let start = Fitted { parameters, ..start };
+        let ranked = Projection::new(self.fit, &start).rank(self.fit, &start, self.candidates);
         for scored in ranked.iter().take(FROM_DECLARED) {
             let with = start.setting.with(&scored.placed);
             better_of(tried, self.fitted(scored.candidate, &with, QUICK_STEPS));
@@ -318,5 +306,5 @@ pub fn winner(tried: &[FittedCandidate]) -> Option<&FittedCandidate> {
     let most = passed().map(|tried| tried.validation.gain).max_by(f64::total_cmp)?;
     passed()
         .filter(|tried| tried.validation.gain >= AS_GOOD * most)
-        .min_by_key(|tried| tried.parameters.len())
+        .min_by_key(|tried| tried.fitted.parameters.len())
 }

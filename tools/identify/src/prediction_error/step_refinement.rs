@@ -5,7 +5,6 @@
 //! steps such an effect explains nothing.
 
 use super::fit::{Dataset, Fitted};
-use super::free_parameter::FreeParameter;
 use super::selection_round::FittedCandidate;
 use super::transmission_model::TransmissionModel;
 use super::validation::{least_beside, validate_beside};
@@ -29,20 +28,17 @@ pub fn may_be_step_artefact(id: &str) -> bool {
 pub fn holds_with_finer_steps(
     (fit, select): (&Dataset<'_>, &Dataset<'_>),
     now: &Fitted,
-    parameters: &[FreeParameter],
     added: &FittedCandidate,
 ) -> bool {
     let model = TransmissionModel { steps: FINER * fit.model.steps, ..fit.model.clone() };
     let [fit, select] =
         [fit, select].map(|dataset| Dataset { model: &model, records: dataset.records.clone() });
-    let left = |setting, parameters, rounds| {
-        select.residuals(&fit.fit(setting, parameters, rounds)?.setting)
+    let left = |fitted: &Fitted, rounds| {
+        select.residuals(&fit.fit(&fitted.setting, &fitted.parameters, rounds)?.setting)
     };
-    let with = left(&added.fitted.setting, &added.parameters, WITH);
-    let without = left(&now.setting, parameters, WITHOUT);
+    let (with, without) = (left(&added.fitted, WITH), left(now, WITHOUT));
     let Some((with, without)) = with.zip(without) else { return true };
     let beside = now.setting.placed.len();
-    let gain =
-        validate_beside(beside, (added.validation.id, added.validation.site), &without, &with).gain;
+    let gain = validate_beside(beside, added.validation.effect(), &without, &with).gain;
     gain >= least_beside(beside).max(STAYS * added.validation.gain)
 }

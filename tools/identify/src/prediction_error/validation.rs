@@ -68,6 +68,11 @@ pub struct Validation {
 }
 
 impl Validation {
+    /// The effect, or the function's variable, with its site.
+    pub const fn effect(&self) -> (&'static str, Site) {
+        (self.id, self.site)
+    }
+
     /// Returns the gain in percent of the error.
     pub fn gain_percent(&self) -> f64 {
         -100.0 * (-self.gain).exp_m1()
