@@ -169,5 +169,18 @@ pub enum IdentifyError {
     },
 }
 
+impl IdentifyError {
+    /// [`Self::Channel`].
+    pub(crate) fn channel(
+        file: &str,
+        column: &str,
+        found: impl Into<String>,
+        advice: impl Into<String>,
+    ) -> Self {
+        let (file, column) = (file.to_owned(), column.to_owned());
+        Self::Channel { file, column, found: found.into(), advice: advice.into() }
+    }
+}
+
 /// What the functions of this crate return.
 pub type Result<T> = std::result::Result<T, IdentifyError>;

@@ -112,18 +112,13 @@ impl Series {
     pub fn alive(&self, name: &str, what: &str) -> Result<()> {
         let values = self.column(name).unwrap_or(&[]);
         let first = values.first().copied().unwrap_or(0.0);
-        let channel = |found: String, advice: String| {
-            Err(IdentifyError::Channel {
-                file: self.file.clone(),
-                column: name.into(),
-                found,
-                advice,
-            })
+        let channel = |found: String, advice: &str| {
+            Err(IdentifyError::channel(&self.file, name, found, advice))
         };
         if values.iter().all(|v| *v == first) {
             return channel(
                 format!("{what} never changes (it is {first} in all {} rows)", values.len()),
-                "check the sensor and its channel, and excite the machine".into(),
+                "check the sensor and its channel, and excite the machine",
             );
         }
         let mut distinct: Vec<u64> = values.iter().map(|v| v.to_bits()).collect();
@@ -132,7 +127,7 @@ impl Series {
         if distinct.len() < 10 {
             return channel(
                 format!("{what} takes {} different values only", distinct.len()),
-                "record with a finer resolution, or a larger movement".into(),
+                "record with a finer resolution, or a larger movement",
             );
         }
         Ok(())

@@ -296,6 +296,13 @@ pub struct NextExperiment {
     pub protocol: Option<String>,
 }
 
+impl NextExperiment {
+    /// An experiment without a protocol.
+    pub(crate) fn new(why: impl Into<String>, what: impl Into<String>) -> Self {
+        Self { why: why.into(), what: what.into(), protocol: None }
+    }
+}
+
 /// Error after a step, in percent of the force's root mean square on the same rows; of an
 /// oscillator, of its output's.
 #[derive(Clone, Debug, Serialize)]

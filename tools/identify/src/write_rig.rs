@@ -122,11 +122,6 @@ pub fn fitted(
     put_effects(&mut document, &effects);
     let text = with_provenance(&document.to_string(), outcome, provenance);
     read(&text)?;
-    let effects = match effects.len() {
-        0 => "no effect".to_owned(),
-        1 => "1 effect".to_owned(),
-        many => format!("{many} effects"),
-    };
     if outcome.remains {
         let of = outcome.unlisted.as_ref().map_or(String::new(), |unlisted| {
             let over = unlisted
@@ -139,8 +134,12 @@ pub fn fitted(
              it may bias the parameters"
         ));
     }
-    let parameters =
-        if count == 1 { "1 parameter".to_owned() } else { format!("{count} parameters") };
+    let counted = |count: usize, what: &str| match count {
+        0 => format!("no {what}"),
+        1 => format!("1 {what}"),
+        many => format!("{many} {what}s"),
+    };
+    let (parameters, effects) = (counted(count, "parameter"), counted(effects.len(), "effect"));
     let told = format!("{parameters} as fitted, {effects}");
     Ok(Written { text: Some(text), told, left_out })
 }

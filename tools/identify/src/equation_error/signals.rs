@@ -90,13 +90,18 @@ impl ForceBalance {
             filter: Filter::ZeroPhase(filter),
             stride,
         };
-        let force = signals.low_passed_rows(force);
+        Self::of(name, signals, cut_off, step)
+    }
+
+    /// `None` if the signals leave no row.
+    fn of(name: &str, signals: Signals, cut_off: f64, sampling: f64) -> Option<Self> {
+        let force = signals.low_passed_rows(&signals.force);
         (!force.is_empty()).then(|| Self {
             name: name.to_owned(),
             signals,
             force,
             cut_off,
-            sampling: step,
+            sampling,
         })
     }
 
@@ -126,14 +131,7 @@ impl ForceBalance {
             filter: Filter::Spectral(low_pass),
             stride: FINER,
         };
-        let rows = signals.low_passed_rows(&signals.force);
-        (!rows.is_empty()).then(|| Self {
-            name: name.to_owned(),
-            signals,
-            force: rows,
-            cut_off,
-            sampling: step,
-        })
+        Self::of(name, signals, cut_off, step)
     }
 
     /// Number of rows of the regression.

@@ -55,8 +55,7 @@ pub(super) fn propose(
 /// Discriminates an effect from its first rival.
 fn between_two(study: &Study, capability: &RigCapability) -> Option<NextExperiment> {
     let found = &study.found;
-    let (at, step) =
-        found.steps.iter().enumerate().rev().find(|(_, step)| !step.rivals.is_empty())?;
+    let (at, step) = found.contested()?;
     let rival = *step.rivals.first()?;
     let own = &found.last().setting;
     let (other, parameters) = rival_of(study, at, rival)?;
@@ -95,15 +94,12 @@ fn between_two(study: &Study, capability: &RigCapability) -> Option<NextExperime
     let why = format!("These records cannot distinguish {names}.");
     let Some(best) = ranked.first().filter(|best| best.floors >= LEAST_DIFFERENCE) else {
         let most = ranked.first().map_or(0.0, |best| best.floors);
-        return Some(NextExperiment {
-            why,
-            what: format!(
-                "no movement that the rig plays by itself: the two models would differ by at most \
-                 {most:.2} times the repeatability; a hand that drives the slave, or a sensor \
-                 between the two"
-            ),
-            protocol: None,
-        });
+        let what = format!(
+            "no movement that the rig plays by itself: the two models would differ by at most \
+             {most:.2} times the repeatability; a hand that drives the slave, or a sensor between \
+             the two"
+        );
+        return Some(NextExperiment::new(why, what));
     };
     let chosen = chosen(ranked.iter().map(|ranked| ranked.movement));
     let what = format!(
@@ -194,7 +190,7 @@ fn for_parameters(
     let Some((first, closeness)) = clear.first() else {
         let what = "separate measurements of the parameters, or tighter declarations: no movement \
                     that the rig plays by itself identifies them";
-        return Some(NextExperiment { why, what: what.to_owned(), protocol: None });
+        return Some(NextExperiment::new(why, what));
     };
     let chosen = chosen(order.iter().map(|shown| shown.movement));
     let others: Vec<usize> = clear.iter().skip(1).map(|(index, _)| *index).collect();

@@ -12,7 +12,7 @@ pub(super) fn next_experiment(
     parameters: &[FittedParameter],
 ) -> NextExperiment {
     let (why, what) = open_question(regression, found, parameters);
-    NextExperiment { why, what: what.to_owned(), protocol: None }
+    NextExperiment::new(why, what)
 }
 
 fn open_question(

@@ -98,17 +98,13 @@ fn prepare(
     let signals = &balance.signals;
     let sampling = 1.0 / step_of(time).ok_or_else(short)?;
     if natural > std::f64::consts::PI * sampling {
-        return Err(IdentifyError::Channel {
-            file: series.file.clone(),
-            column: "t_s".into(),
-            found: format!(
-                "{sampling:.4} samples a second cannot show an oscillation of {:.4} Hz",
-                0.5 * natural / std::f64::consts::TAU
-            ),
-            advice: "record at ten times the natural frequency, or check mass, stiffness and the \
-                     unit of time"
-                .into(),
-        });
+        let oscillation = 0.5 * natural / std::f64::consts::TAU;
+        let found = format!(
+            "{sampling:.4} samples a second cannot show an oscillation of {oscillation:.4} Hz"
+        );
+        let advice = "record at ten times the natural frequency, or check mass, stiffness and the \
+                      unit of time";
+        return Err(IdentifyError::channel(&series.file, "t_s", found, advice));
     }
     let at = signals.before_rows();
     let start = (signals.position[at], signals.velocity[at]);

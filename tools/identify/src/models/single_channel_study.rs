@@ -194,12 +194,7 @@ pub(super) fn check_scale(
         }
         let ratio = found / parameter.declared;
         let fault = |found: String, advice: &str| {
-            Err(IdentifyError::Channel {
-                file: balance.name.clone(),
-                column: channel.to_owned(),
-                found,
-                advice: advice.to_owned(),
-            })
+            Err(IdentifyError::channel(&balance.name, channel, found, advice))
         };
         let unit = parameter.unit;
         if ratio < 0.0 {
@@ -208,10 +203,8 @@ pub(super) fn check_scale(
             return fault(format!("{what} of {found:.4} {unit}"), advice);
         }
         if !(1.0 / UNIT_FACTOR..=UNIT_FACTOR).contains(&ratio) {
-            return fault(
-                format!("{what} of {found:.4} {unit}, declared {}", parameter.declared),
-                advice,
-            );
+            let declared = parameter.declared;
+            return fault(format!("{what} of {found:.4} {unit}, declared {declared}"), advice);
         }
     }
     Ok(())

@@ -43,12 +43,7 @@ pub(super) fn conclude(
 
 fn outcome(study: &Study) -> Option<Outcome> {
     let found = &study.found;
-    let rivals = found
-        .steps
-        .iter()
-        .rev()
-        .find(|step| !step.rivals.is_empty())
-        .map_or(&[][..], |step| &step.rivals);
+    let rivals = found.contested().map_or(&[][..], |(_, step)| &step.rivals);
     let remains = found.unlisted_function.is_some() || found.inadequate;
     let verdict = Verdict::of(found.steps.len(), rivals.len(), remains);
     let fit = Dataset::of(&study.model, Role::Fit);
@@ -75,11 +70,16 @@ fn outcome(study: &Study) -> Option<Outcome> {
     })
 }
 
+/// The standard deviation of a parameter.
+fn deviation(known: &[(FreeParameter, f64)], is: impl Fn(&FreeParameter) -> bool) -> Option<f64> {
+    known.iter().find(|(parameter, _)| is(parameter)).map(|(_, deviation)| *deviation)
+}
+
 /// The unlisted effect; `known` are the standard deviations of the final model.
 fn unlisted(
     found: &SearchResult,
     fit: &Dataset<'_>,
-    known: &Vec<(FreeParameter, f64)>,
+    known: &[(FreeParameter, f64)],
 ) -> Option<UnlistedTable> {
     let of_function =
         |unlisted_function| table(unlisted_function, fit, found.inadequate.then_some(known));
@@ -102,18 +102,13 @@ fn unlisted(
 fn table(
     unlisted_function: &UnlistedFunction,
     fit: &Dataset<'_>,
-    known: Option<&Vec<(FreeParameter, f64)>>,
+    known: Option<&[(FreeParameter, f64)]>,
 ) -> UnlistedTable {
     let own = || fit.deviations(&unlisted_function.fitted, BLOCK);
-    let known = known.cloned().unwrap_or_else(own);
+    let known = known.map_or_else(own, <[_]>::to_vec);
     let of = |node: usize| {
-        let is = |parameter: &FreeParameter| match parameter {
-            FreeParameter::Node { node: own, .. } => *own == node,
-            _ => false,
-        };
-        let deviation =
-            known.iter().find(|(parameter, _)| is(parameter)).map(|(_, deviation)| *deviation);
-        deviation.filter(|deviation| deviation.is_finite()).unwrap_or(f64::NAN)
+        let is = |parameter: &FreeParameter| matches!(parameter, FreeParameter::Node { node: own, .. } if *own == node);
+        deviation(&known, is).filter(|deviation| deviation.is_finite()).unwrap_or(f64::NAN)
     };
     let table = &unlisted_function.table;
     UnlistedTable {
@@ -143,13 +138,10 @@ fn effects(study: &Study, known: &[(FreeParameter, f64)]) -> Vec<FoundEffect> {
             let across = (s * of_cosine).hypot(c * of_sine) / amplitude;
             return Some(if name == "phase" { across / amplitude } else { along });
         }
-        known
-            .iter()
-            .find(|(parameter, _)| match parameter {
-                FreeParameter::Effect { placed, range } => *placed == at && range.name == name,
-                _ => false,
-            })
-            .map(|(_, deviation)| *deviation)
+        deviation(known, |parameter| match parameter {
+            FreeParameter::Effect { placed, range } => *placed == at && range.name == name,
+            _ => false,
+        })
     };
     study
         .found
@@ -245,8 +237,7 @@ fn parameters(study: &Study, known: &[(FreeParameter, f64)]) -> Vec<FittedParame
         .enumerate()
         .map(|(index, (parameter, seen))| {
             let free = FreeParameter::Base(index);
-            let deviation =
-                known.iter().find(|(own, _)| *own == free).map(|(_, deviation)| *deviation);
+            let deviation = deviation(known, |own| *own == free);
             let at_edge = parameter.declared.is_some()
                 && free.normalised(model, &last.setting).abs() > AT_BOUND;
             let identifiable = !at_edge
@@ -339,38 +330,34 @@ fn notes(study: &Study) -> Vec<String> {
 }
 
 fn next_experiment(study: &Study, verdict: Verdict) -> NextExperiment {
-    let make =
-        |why: String, what: &str| NextExperiment { why, what: what.to_owned(), protocol: None };
     let found = &study.found;
     match verdict {
         Verdict::Ambiguous => {
-            let step = found.steps.iter().rev().find(|step| !step.rivals.is_empty());
-            let names = step.map_or(String::new(), |step| {
-                let own = (step.added.id, step.added.site);
+            let names = found.contested().map_or(String::new(), |(_, step)| {
+                let own = step.added.effect();
                 let rivals: Vec<String> =
                     step.rivals.iter().map(|rival| rival_words(own, *rival)).collect();
                 format!("{} from {}", words(step.added.id), rivals.join(" or "))
             });
-            make(
+            NextExperiment::new(
                 format!("These records cannot distinguish {names}."),
                 "slow triangles and quick sines of several amplitudes, with a free handle and with \
                  a hand that drives the slave",
             )
         }
-        Verdict::Unlisted => make(
-            "A residual remains that no listed effect explains.".to_owned(),
+        Verdict::Unlisted => NextExperiment::new(
+            "A residual remains that no listed effect explains.",
             "the same movement several times, and movements in which the variable it depends on \
              varies independently",
         ),
-        _ if study.model.records.iter().all(|record| record.idle) => make(
+        _ if study.model.records.iter().all(|record| record.idle) => NextExperiment::new(
             "Without a hand that drives the slave, the scale of all torques relies on the motor \
-             constant."
-                .to_owned(),
+             constant.",
             "two records in which a hand drives the slave with about 2 N·m while the torque sensor \
              records",
         ),
-        _ => make(
-            "Effects that these movements do not excite remain undetected.".to_owned(),
+        _ => NextExperiment::new(
+            "Effects that these movements do not excite remain undetected.",
             "the whole stroke slowly both ways, quick sines of several amplitudes, and every \
              movement repeated, for the noise floor",
         ),

@@ -92,12 +92,6 @@ impl OutputErrorModel<'_> {
     }
 }
 
-/// One free parameter.
-enum Place<'s> {
-    Amplitude(usize, f64, Bound),
-    Shape(usize, &'s Shape),
-}
-
 /// Output error as a function of the deviation of each free parameter from its start, in units of
 /// its own size.
 struct Problem<'a> {
@@ -259,24 +253,16 @@ impl<'a> Problem<'a> {
         self.simulate(moved).map(|outputs| self.errors(&outputs))
     }
 
-    fn place(&self, k: usize) -> Place<'_> {
-        match self.amplitudes.get(k) {
-            Some((i, size)) => Place::Amplitude(*i, *size, self.bounds[*i]),
-            None => {
-                let i = self.free_shapes[k - self.amplitudes.len()];
-                Place::Shape(i, &self.shapes[i])
-            }
-        }
-    }
-
     /// Perturbation of a free parameter for a finite difference: a thousandth of its size, away
     /// from the bound.
     fn difference(&self, k: usize) -> f64 {
         let step = 1e-3;
         let (coefficients, shapes) = self.values(&self.moved);
-        let inward = match self.place(k) {
-            Place::Amplitude(i, size, bound) => coefficients[i] + step * size > bound.1,
-            Place::Shape(i, shape) => {
+        let inward = match self.amplitudes.get(k) {
+            Some((i, size)) => coefficients[*i] + step * size > self.bounds[*i].1,
+            None => {
+                let i = self.free_shapes[k - self.amplitudes.len()];
+                let shape = &self.shapes[i];
                 shape.share(shapes[i]) + step / (shape.points - 1) as f64 > 1.0
             }
         };
@@ -293,7 +279,7 @@ impl<'a> Problem<'a> {
             coefficients[i] <= low || coefficients[i] >= high
         };
         let n = self.moved.len();
-        let edge = |k: usize| matches!(self.place(k), Place::Amplitude(i, ..) if at_edge(i));
+        let edge = |k: usize| self.amplitudes.get(k).is_some_and(|(i, _)| at_edge(*i));
         let columns: Vec<Vec<f64>> =
             (0..n).map(|k| jacobian.column(k).iter().map(|j| -j).collect()).collect();
         let mut gram = Gram::empty(n);

@@ -182,19 +182,12 @@ fn check_plausible(series: &Series, step_s: f64, notes: &mut Vec<String>) -> Res
     let (_, volts) = series.any(&["motor_v"])?;
     let (_, master) = series.any(&["master_rad"])?;
     let (slave, torque) = (series.column("slave_rad"), series.column("slave_torque_nm"));
-    let channel = |column: &str, found: String, advice: &str| IdentifyError::Channel {
-        file: series.file.clone(),
-        column: column.to_owned(),
-        found,
-        advice: advice.to_owned(),
+    let wrong = |column: &str, found: String, advice: &str| {
+        Err(IdentifyError::channel(&series.file, column, found, advice))
     };
     if step_s > 0.02 {
-        let found = format!("a row every {step_s:.4} s");
-        return Err(channel(
-            "t_s",
-            found,
-            "record at 100 Hz or more: the line's resonance must be seen",
-        ));
+        let advice = "record at 100 Hz or more: the line's resonance must be seen";
+        return wrong("t_s", format!("a row every {step_s:.4} s"), advice);
     }
     for (name, column) in [("master_rad", Some(master)), ("slave_rad", slave)] {
         let Some(column) = column else { continue };
@@ -203,28 +196,20 @@ fn check_plausible(series: &Series, step_s: f64, notes: &mut Vec<String>) -> Res
             let found = format!("the position never moved (it stays within {way:.2e} rad)");
             let advice = "no inertia, friction or stiffness can be seen without movement; check \
                           the encoder, and move the machine";
-            return Err(channel(name, found, advice));
+            return wrong(name, found, advice);
         }
         if peak(column) > FAR_RAD {
-            let found = format!("values up to {:.4e}", peak(column));
-            return Err(channel(
-                name,
-                found,
-                "positions are in rad: these look like counts or degrees",
-            ));
+            let advice = "positions are in rad: these look like counts or degrees";
+            return wrong(name, format!("values up to {:.4e}", peak(column)), advice);
         }
     }
     if peak(volts) > HIGH_V {
-        let found = format!("values up to {:.4e}", peak(volts));
-        return Err(channel(
-            "motor_v",
-            found,
-            "this is the voltage at the amplifier, in V: these look like counts or mV",
-        ));
+        let advice = "this is the voltage at the amplifier, in V: these look like counts or mV";
+        return wrong("motor_v", format!("values up to {:.4e}", peak(volts)), advice);
     }
     if range(volts) == 0.0 {
         let advice = "identify needs what the DAC put out; check the channel";
-        return Err(channel("motor_v", format!("it is {} in all rows", volts[0]), advice));
+        return wrong("motor_v", format!("it is {} in all rows", volts[0]), advice);
     }
     for (name, column) in [("motor_v", Some(volts)), ("slave_torque_nm", torque)] {
         let railed = if column.is_some() { series.railed(name) } else { 0.0 };

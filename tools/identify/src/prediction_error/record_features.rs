@@ -94,6 +94,16 @@ fn lines(residuals: &[(&Record, &Vec<f64>)], (low, high): (f64, f64), count: usi
     found.into_iter().map(|hz| coherent(residuals, hz, 2.0 * step)).collect()
 }
 
+/// Power of all records together in a wave of this frequency (rad per unit of the abscissa).
+fn power_at(frequency: f64, residuals: &[(&Record, &Vec<f64>)], abscissae: &[Vec<f64>]) -> f64 {
+    let parts = residuals.iter().zip(abscissae).flat_map(|((_, rows), x)| rows.iter().zip(x));
+    let (cosine, sine) = parts.fold((0.0, 0.0), |(cosine, sine), (row, x)| {
+        let (s, c) = (frequency * x).sin_cos();
+        (cosine + row * c, sine + row * s)
+    });
+    cosine * cosine + sine * sine
+}
+
 /// Refines a frequency by the power of all records together at their absolute times: the spectrum
 /// of one record cannot predict the phase of the next.
 fn coherent(residuals: &[(&Record, &Vec<f64>)], about_hz: f64, reach_hz: f64) -> f64 {
@@ -108,19 +118,10 @@ fn coherent(residuals: &[(&Record, &Vec<f64>)], about_hz: f64, reach_hz: f64) ->
     let steps = (reach_hz / step).ceil() as i32;
     let times: Vec<Vec<f64>> =
         residuals.iter().map(|(record, _)| record.residual_times()).collect();
-    let power = |hz: f64| {
-        let parts =
-            residuals.iter().zip(&times).flat_map(|((_, rows), times)| rows.iter().zip(times));
-        let (cosine, sine) = parts.fold((0.0, 0.0), |(cosine, sine), (row, time)| {
-            let (s, c) = (std::f64::consts::TAU * hz * time).sin_cos();
-            (cosine + row * c, sine + row * s)
-        });
-        cosine * cosine + sine * sine
-    };
     (-steps..=steps)
         .into_par_iter()
         .map(|index| about_hz + f64::from(index) * step)
-        .map(|hz| (power(hz), hz))
+        .map(|hz| (power_at(std::f64::consts::TAU * hz, residuals, &times), hz))
         .max_by(|a, b| a.0.total_cmp(&b.0))
         .map_or(about_hz, |(_, hz)| hz)
 }
@@ -133,17 +134,7 @@ fn orders(residuals: &[(&Record, &Vec<f64>)]) -> Vec<f64> {
         residuals.iter().map(|(record, _)| record.averaged(&record.master)).collect();
     let power: Vec<f64> = (0..400)
         .into_par_iter()
-        .map(|index| {
-            let parts = residuals
-                .iter()
-                .zip(&positions)
-                .flat_map(|((_, rows), positions)| rows.iter().zip(positions));
-            let (cosine, sine) = parts.fold((0.0, 0.0), |(cosine, sine), (row, position)| {
-                let (s, c) = (order(index) * position).sin_cos();
-                (cosine + row * c, sine + row * s)
-            });
-            cosine * cosine + sine * sine
-        })
+        .map(|index| power_at(order(index), residuals, &positions))
         .collect();
     prominent(&power, order, (3.75, 100.0), 24, 0.6, 3)
 }

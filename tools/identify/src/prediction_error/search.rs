@@ -81,6 +81,11 @@ impl SearchResult {
         self.steps.last().map(|step| &step.fitted).or(nonparametric).unwrap_or(&self.base)
     }
 
+    /// Returns the last effect that the records cannot distinguish from others, with its index.
+    pub fn contested(&self) -> Option<(usize, &SelectionStep)> {
+        self.steps.iter().enumerate().rev().find(|(_, step)| !step.rivals.is_empty())
+    }
+
     /// Returns the nonparametric function if no listed effect is adequate.
     pub fn stand_alone_function(&self) -> Option<&UnlistedFunction> {
         self.unlisted_function.as_ref().filter(|_| self.inadequate)
