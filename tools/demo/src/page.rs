@@ -23,7 +23,7 @@ pub fn page(
     outcome: &Outcome,
     identify_result: &IdentifyResult,
     rig: &RigFile,
-) -> report::Result<String> {
+) -> anyhow::Result<String> {
     let shown = DisplayUnit::of(rig);
     let json = serde_json::to_string_pretty(summary).unwrap_or_default();
     let mut page = Page::new(format!("farreach demo: {}", rig.name))

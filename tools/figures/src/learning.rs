@@ -126,25 +126,17 @@ const fn change(id: &'static str, what: &'static str) -> Change {
     Change { id, what, amplitude_deg: None, law: PUBLISHED, hand: false, feedforward: false }
 }
 
+/// The published law with its gains times a factor.
+const fn gains(factor: f64) -> Published {
+    let (gamma_p, gamma_d) = (factor * PUBLISHED.gamma_p, factor * PUBLISHED.gamma_d);
+    Published { gamma_p, gamma_d, ..PUBLISHED }
+}
+
 const CHANGES: [Change; 9] = [
     Change { amplitude_deg: Some(30.0), ..change("amplitude_30deg", "amplitude 30°") },
     Change { amplitude_deg: Some(40.0), ..change("amplitude_40deg", "amplitude 40°") },
-    Change {
-        law: Published {
-            gamma_p: 0.5 * PUBLISHED.gamma_p,
-            gamma_d: 0.5 * PUBLISHED.gamma_d,
-            ..PUBLISHED
-        },
-        ..change("gains_half", "half the learning gains")
-    },
-    Change {
-        law: Published {
-            gamma_p: 2.0 * PUBLISHED.gamma_p,
-            gamma_d: 2.0 * PUBLISHED.gamma_d,
-            ..PUBLISHED
-        },
-        ..change("gains_twice", "twice the learning gains")
-    },
+    Change { law: gains(0.5), ..change("gains_half", "half the learning gains") },
+    Change { law: gains(2.0), ..change("gains_twice", "twice the learning gains") },
     Change {
         law: Published { cutoff_hz: 5.0, ..PUBLISHED },
         ..change("cutoff_5hz", "cut-off of the filter 5 Hz")

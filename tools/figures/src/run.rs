@@ -70,7 +70,7 @@ fn files(study: &Study, json: &str) -> Result<Vec<(String, Vec<u8>)>> {
         .par_iter()
         .map(|figure| {
             // Up to three panels stand in one column of a journal, more of them in two.
-            let columns = if figure.panels.len() > 3 { 2 } else { 1 };
+            let columns = if figure.panels.count() > 3 { 2 } else { 1 };
             let svg = figure.panels.clone().columns(columns).render_svg()?;
             let name = |extension| format!("figure-{}.{extension}", figure.number);
             #[cfg(feature = "png")]

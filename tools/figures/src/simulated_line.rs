@@ -27,6 +27,13 @@ pub struct Added {
     pub more: Vec<(&'static str, f64)>,
 }
 
+impl Added {
+    /// An effect whose further parameters are its defaults.
+    pub const fn new(id: &'static str, site: Site, size: f64) -> Self {
+        Self { id, site, size, more: Vec::new() }
+    }
+}
+
 /// The hydrostatic line, ready to be moved.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Line {

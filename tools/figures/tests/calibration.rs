@@ -141,7 +141,7 @@ fn a_heavier_slave_does_not_explain_the_lag() {
             Added { id: "extra_inertia", site: Site::Slave, size: inertia, more: Vec::new() };
         Line::printed().with(size)
     };
-    let inertia = fit(8.0, 1e-3, 1.0, heavier).unwrap().unwrap();
+    let (inertia, _) = fit(8.0, 1e-3, 1.0, heavier).unwrap().unwrap();
     let lag = at(&heavier(inertia), 1.0).unwrap().lag_s();
     assert!(
         lag < 0.2 * value("hydrostatic.delay_measured.delay_s"),

@@ -209,6 +209,12 @@ pub fn record(command: Recording, rig_name: &RigName) -> anyhow::Result<i32> {
     }
 }
 
+/// Prints a result: as indented JSON, or as a line of text.
+fn print(as_json: bool, value: serde_json::Value, text: &str) -> anyhow::Result<()> {
+    use std::io::Write as _;
+    if as_json { print_json(&value) } else { Ok(writeln!(std::io::stdout(), "{text}")?) }
+}
+
 /// Prints a value as indented JSON.
 fn print_json(value: &serde_json::Value) -> anyhow::Result<()> {
     use std::io::Write as _;

@@ -171,8 +171,8 @@ fn learnt_folder() -> Result<String, Error> {
     folder.as_deref().map(absolute).transpose().map(Option::unwrap_or_default)
 }
 
-/// The processes' working directory is `/`.
-fn absolute(path: &Path) -> Result<String, Error> {
+/// A path for the processes, whose working directory is `/`.
+pub(crate) fn absolute(path: &Path) -> Result<String, Error> {
     let found = std::path::absolute(path).map_err(|source| Error::Io {
         doing: "make absolute",
         path: path.to_path_buf(),

@@ -4,7 +4,7 @@
 use report::Colour::{Black, Blue, Green, Grey, Vermillion};
 use report::{Figure, Page, Table, Tone};
 
-fn main() -> Result<(), report::Error> {
+fn main() -> anyhow::Result<()> {
     let path = std::env::args().nth(1).unwrap_or_else(|| "specimen.html".to_owned());
     let time: Vec<f64> = (0..25_000).map(|i| f64::from(i) * 1e-3).collect();
     let noise = |i: usize| ((i * 7919 % 1013) as f64 / 1013.0 - 0.5) * 8.0;

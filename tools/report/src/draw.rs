@@ -5,6 +5,7 @@
 //! plotters' mesh has no inward ticks, no minor ticks between decades and no legend outside the
 //! data area.
 
+use anyhow::{Context as _, Result, bail};
 use maud::html;
 use plotters::backend::SVGBackend;
 use plotters::coord::Shift;
@@ -19,7 +20,6 @@ use crate::coordinate_map::{Axes, round};
 use crate::decimate;
 use crate::figure::{Figure, Mark, Series};
 use crate::scale::{Kind, Scale, Tick};
-use crate::{Error, Result};
 
 const FINE: i32 = 5;
 const FAMILY: &str = "Helvetica Neue, Helvetica, Arial, Liberation Sans, sans-serif";
@@ -42,8 +42,7 @@ impl Figure {
     /// The figure as a stand-alone SVG document.
     ///
     /// # Errors
-    /// [`Error::Lengths`] where columns differ in length, [`Error::Empty`] where there is nothing
-    /// to draw.
+    /// Where columns of a series differ in length, or there is no finite point to draw.
     pub fn render_svg(&self) -> Result<String> {
         for s in &self.series {
             let (x, y) = match s.mark {
@@ -52,12 +51,12 @@ impl Figure {
                 _ => (s.x.len(), s.y.len()),
             };
             if x != y {
-                return Err(Error::Lengths {
-                    figure: self.title.clone(),
-                    series: s.name.clone(),
-                    x,
-                    y,
-                });
+                bail!(
+                    "figure `{}`, series `{}`: {x} abscissae but {y} ordinates; pass columns of \
+                        one length",
+                    self.title,
+                    s.name
+                );
             }
         }
         svg(self)
@@ -65,7 +64,12 @@ impl Figure {
 }
 
 fn svg(figure: &Figure) -> Result<String> {
-    let empty = || Error::Empty { figure: figure.title.clone() };
+    let empty = || {
+        format!(
+            "figure `{}`: no finite point in any series (on a logarithmic axis: no positive one)",
+            figure.title
+        )
+    };
     let xs = figure.series.iter().flat_map(|s| s.x.iter().copied());
     let ys = figure.series.iter().flat_map(|s| match s.mark {
         Mark::Band => s.y.iter().chain(&s.upper).copied().collect::<Vec<_>>(),
@@ -80,13 +84,13 @@ fn svg(figure: &Figure) -> Result<String> {
             _ => Scale::fit(kind, values, margin),
         }
     };
-    let x = scale(figure.x_kind, figure.x_range, &mut { xs }, 0.01).ok_or_else(empty)?;
-    let y = scale(figure.y_kind, figure.y_range, &mut { ys }, 0.06).ok_or_else(empty)?;
+    let x = scale(figure.x_kind, figure.x_range, &mut { xs }, 0.01).with_context(empty)?;
+    let y = scale(figure.y_kind, figure.y_range, &mut { ys }, 0.06).with_context(empty)?;
 
     let (width, height) = (figure.size.0 as i32, figure.size.1 as i32);
     let mut buffer = String::new();
     draw(figure, x, y, &mut buffer, (width, height))
-        .map_err(|error| Error::Draw { figure: figure.title.clone(), reason: error.to_string() })?;
+        .with_context(|| format!("figure `{}`: could not be drawn", figure.title))?;
     // The drawing is FINE times too large: shown at its CSS size, scaled by the view box.
     let (fine_width, fine_height) = (width * FINE, height * FINE);
     let view_box = format!("viewBox=\"0 0 {fine_width} {fine_height}\"");

@@ -2,9 +2,10 @@
 
 use std::path::Path;
 
+use anyhow::{Context as _, Error, Result, bail};
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 
-use crate::{Error, Figure, Panels, Result};
+use crate::{Figure, Panels};
 
 /// Colour of a verdict.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -58,9 +59,10 @@ impl Table {
     }
 
     fn html(&self, caption: &str) -> Result<Markup> {
-        if let Some(row) = self.rows.iter().find(|r| r.len() != self.header.len()) {
-            let first = row.first().cloned().unwrap_or_default();
-            return Err(Error::Row { row: first, expected: self.header.len(), found: row.len() });
+        let expected = self.header.len();
+        if let Some(row) = self.rows.iter().find(|row| row.len() != expected) {
+            let first = row.first().map_or("", String::as_str);
+            bail!("table row `{first}`: {} cells, the header has {expected}", row.len());
         }
         let number: Vec<bool> =
             (0..self.header.len()).map(|c| self.rows.iter().all(|r| is_number(&r[c]))).collect();
@@ -213,14 +215,14 @@ impl Page {
     /// Writes the page, and its folder where that is missing.
     ///
     /// # Errors
-    /// As [`Page::render`], and [`Error::Write`].
+    /// As [`Page::render`], and where the file cannot be written.
     pub fn write(self, path: impl AsRef<Path>) -> Result<()> {
         let path = path.as_ref();
         let html = self.render()?;
-        let wrap = |source| Error::Write { path: path.display().to_string(), source };
-        if let Some(folder) = path.parent().filter(|f| !f.as_os_str().is_empty()) {
-            std::fs::create_dir_all(folder).map_err(wrap)?;
-        }
-        std::fs::write(path, html).map_err(wrap)
+        let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
+        let made = folder.map_or(Ok(()), std::fs::create_dir_all);
+        made.and_then(|()| std::fs::write(path, html)).with_context(|| {
+            format!("{}: cannot be written; choose a folder that you may write to", path.display())
+        })
     }
 }

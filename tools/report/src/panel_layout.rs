@@ -1,8 +1,9 @@
 //! Several axes as one picture.
 
+use anyhow::Result;
 use maud::{PreEscaped, html};
 
-use crate::{Figure, Result};
+use crate::Figure;
 
 /// Panels of one figure, laid out in rows and drawn as one SVG document.
 #[derive(Clone, Debug)]
@@ -31,13 +32,8 @@ impl Panels {
     }
 
     /// How many panels there are.
-    pub fn len(&self) -> usize {
+    pub fn count(&self) -> usize {
         self.panels.len()
-    }
-
-    /// Whether there is none.
-    pub fn is_empty(&self) -> bool {
-        self.panels.is_empty()
     }
 
     /// Width and height, CSS pixels.

@@ -1,7 +1,7 @@
 //! What a reader's browser gets.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
-use report::{Colour, Error, Figure, Page, Panels, Table, Tone};
+use report::{Colour, Figure, Page, Panels, Table, Tone};
 
 fn line() -> Figure {
     Figure::new("a < b & \"c\"", "time / s", "force / N").line(
@@ -56,24 +56,22 @@ fn broken_input_is_named() {
         .line(Colour::Blue, "force", &[0.0, 1.0], &[0.0])
         .render_svg()
         .unwrap_err();
-    assert!(
-        matches!(&error, Error::Lengths { series, x: 2, y: 1, .. } if series == "force"),
-        "{error}"
-    );
+    let error = error.to_string();
+    assert!(error.contains("series `force`: 2 abscissae but 1 ordinates"), "{error}");
     let error = Figure::new("t", "x", "y")
         .line(Colour::Blue, "s", &[f64::NAN], &[1.0])
         .render_svg()
         .unwrap_err();
-    assert!(matches!(error, Error::Empty { .. }));
+    assert!(error.to_string().contains("no finite point"), "{error}");
     let error = Figure::new("t", "x", "y")
         .log_y()
         .line(Colour::Blue, "s", &[1.0], &[-1.0])
         .render_svg()
         .unwrap_err();
-    assert!(matches!(error, Error::Empty { .. }));
+    assert!(error.to_string().contains("no finite point"), "{error}");
     let table = Table::new(["a", "b"]).row(["1"]);
     let error = Page::new("p").table(table, "").render().unwrap_err();
-    assert!(matches!(error, Error::Row { expected: 2, found: 1, .. }));
+    assert!(error.to_string().contains("1 cells, the header has 2"), "{error}");
 }
 
 #[test]

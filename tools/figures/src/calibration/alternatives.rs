@@ -73,10 +73,6 @@ impl Alternative {
 /// defaults.
 const BRANCH: (f64, f64) = (0.5, 0.1);
 
-fn added(id: &'static str, site: Site, size: f64) -> Added {
-    Added { id, site, size, more: Vec::new() }
-}
-
 /// An explanation before it is fitted.
 struct Candidate {
     id: &'static str,
@@ -98,7 +94,7 @@ pub fn alternatives(
     done: impl Fn() + Sync,
 ) -> Result<Vec<Alternative>> {
     let relaxing = |line: Line, ratio: f64| {
-        let mut branch = added("viscoelastic_line", Site::Line, ratio);
+        let mut branch = Added::new("viscoelastic_line", Site::Line, ratio);
         branch.more.push(("relaxation_s", BRANCH.1));
         line.with(branch)
     };
@@ -127,7 +123,9 @@ pub fn alternatives(
             what: "dead time in the line; the size is its travel time",
             unit: "s",
             range: (5e-3, 0.06),
-            make: Box::new(|size| Line::printed().with(added("transport_delay", Site::Line, size))),
+            make: Box::new(|size| {
+                Line::printed().with(Added::new("transport_delay", Site::Line, size))
+            }),
         },
         Candidate {
             id: "extra_inertia",
@@ -135,7 +133,9 @@ pub fn alternatives(
             what: "more inertia at the slave",
             unit: "kg·m²",
             range: (1e-4, 10.0),
-            make: Box::new(|size| Line::printed().with(added("extra_inertia", Site::Slave, size))),
+            make: Box::new(|size| {
+                Line::printed().with(Added::new("extra_inertia", Site::Slave, size))
+            }),
         },
     ];
     let target = measured_resonance_hz()?;
@@ -150,7 +150,7 @@ pub fn alternatives(
     let others: Result<Vec<Alternative>> = candidates
         .into_par_iter()
         .map(|Candidate { id, short, what, unit, range: (harmless, strongest), make }| {
-            let size = fit(target, harmless, strongest, &make)?;
+            let size = fit(target, harmless, strongest, &make)?.map(|(size, _)| size);
             let prediction = match size {
                 Some(size) => predict(&make(size), near(target))?,
                 None => Prediction::default(),

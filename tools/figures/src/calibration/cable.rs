@@ -4,7 +4,7 @@ use anyhow::Result;
 use plant::cable::Parameters;
 use rayon::prelude::*;
 
-use super::{fit_with_peak, measured};
+use super::{fit, measured};
 use crate::plots::cable::Cable;
 use crate::simulated_response::cut_off;
 use crate::table_row::{Role, Row};
@@ -53,7 +53,7 @@ pub fn cells(done: impl Fn() + Sync) -> Result<Vec<CableCell>> {
                 },
                 slave_amplitude_deg: *amplitude,
             };
-            let found = fit_with_peak(target, FACTORS.0, FACTORS.1, cable)?;
+            let found = fit(target, FACTORS.0, FACTORS.1, cable)?;
             let (factor, top) = found.unzip();
             let peak_hz = top.and_then(|top| top.frequency_hz());
             let cut_off_hz = cut_off(&cable(factor.unwrap_or(1.0)), peak_hz)?;

@@ -130,8 +130,8 @@ fn close(target_hz: f64) -> (f64, f64) {
     (target_hz / 1.3, 1.3 * target_hz)
 }
 
-/// The size with which `rig(size)` peaks at `target_hz`; `None` where no size from `harmless` to
-/// `strongest` (both positive) does. Of several it is the one nearest to `harmless`.
+/// The size with which `rig(size)` peaks at `target_hz`, and that peak; `None` where no size from
+/// `harmless` to `strongest` (both positive) does. Of several it is the one nearest to `harmless`.
 ///
 /// Brackets a root of "simulated peak less target" in the logarithm of the size, then closes in on
 /// it. A size whose peak lies outside half to twice the target counts as on that side of it, one
@@ -141,19 +141,6 @@ fn close(target_hz: f64) -> (f64, f64) {
 /// # Errors
 /// Where a constant or an effect is out of range.
 pub fn fit<R: Rig>(
-    target_hz: f64,
-    harmless: f64,
-    strongest: f64,
-    rig: impl Fn(f64) -> R,
-) -> Result<Option<f64>> {
-    Ok(fit_with_peak(target_hz, harmless, strongest, rig)?.map(|(size, _)| size))
-}
-
-/// The same, with the peak that it gives.
-///
-/// # Errors
-/// Those of [`fit`].
-pub fn fit_with_peak<R: Rig>(
     target_hz: f64,
     harmless: f64,
     strongest: f64,
@@ -197,7 +184,8 @@ pub fn fit_with_peak<R: Rig>(
 /// # Errors
 /// Those of [`fit`].
 pub fn fit_softening(line: &Line, target_hz: f64) -> Result<Option<f64>> {
-    fit(target_hz, 1.0, SOFTEST, |factor| line.clone().softened(factor))
+    let found = fit(target_hz, 1.0, SOFTEST, |factor| line.clone().softened(factor))?;
+    Ok(found.map(|(factor, _)| factor))
 }
 
 /// The nominal case: printed friction, 30°.
@@ -239,12 +227,7 @@ pub fn calibrate() -> Result<Calibration> {
     })?;
     let line = printed.clone().softened(factor);
     let frequencies = logarithmic(LOW_HZ, HIGH_HZ, 12);
-    let compliance = Added {
-        id: "line_compliance",
-        site: Site::Line,
-        size: 1.0 / factor - 1.0,
-        more: Vec::new(),
-    };
+    let compliance = Added::new("line_compliance", Site::Line, 1.0 / factor - 1.0);
     let softer = sweep(&printed.clone().with(compliance), &frequencies)?;
     let misprinted = sweep(&printed.clone().with_bulk_modulus(factor), &frequencies)?;
     let misprint_difference =

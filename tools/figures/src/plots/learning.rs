@@ -39,21 +39,11 @@ fn opposite_percent(cycle: &Trace, standing_deg_s: f64) -> Option<f64> {
 /// None; the type is that of all figures.
 pub fn monotonicity(common: &Common) -> Result<Plot> {
     let panel = |title: &str, course: &Course, until_s: f64| {
-        let cycle = &course.cycles[1];
-        let within = cycle.time_s.iter().take_while(|time_s| **time_s <= until_s).count();
+        let within = course.cycles[1].time_s.iter().take_while(|time_s| **time_s <= until_s);
+        let cycle = course.cycles[1].part(0..within.count());
         axes(title, "time / s", "velocity / (°/s)")
-            .line(
-                Black,
-                "master",
-                &cycle.time_s[..within],
-                &degrees(&cycle.master_velocity)[..within],
-            )
-            .dashed(
-                Vermillion,
-                "slave",
-                &cycle.time_s[..within],
-                &degrees(&cycle.slave_velocity)[..within],
-            )
+            .line(Black, "master", &cycle.time_s, &degrees(&cycle.master_velocity))
+            .dashed(Vermillion, "slave", &cycle.time_s, &degrees(&cycle.slave_velocity))
     };
     let [printed, traced] = &common.learning.published;
     let standing = standing_deg_s(&task());
@@ -207,34 +197,26 @@ fn slave(course: &Course) -> Figure {
 
 fn master(course: &Course) -> Figure {
     let [before, _, after] = &course.cycles;
+    let reference = format!("reference, block {BLOCKS}");
     tall("A  Master", "time / s", "position / °")
         .dashed(Black, "reference, block 1", &before.time_s, &degrees(&before.reference))
-        .dashed(
-            Blue,
-            format!("reference, block {BLOCKS}"),
-            &after.time_s,
-            &degrees(&after.reference),
-        )
+        .dashed(Blue, reference, &after.time_s, &degrees(&after.reference))
         .line(Blue, format!("master, block {BLOCKS}"), &after.time_s, &degrees(&after.master))
 }
 
 fn errors(learning: &Learning) -> Figure {
-    let numbers = |course: &Course| {
-        (1..=course.errors_deg.len()).map(|block| block as f64).collect::<Vec<_>>()
+    let curve = |course: &Course| {
+        let blocks = (1..=course.errors_deg.len()).map(|block| block as f64);
+        (blocks.collect::<Vec<_>>(), course.errors_deg.clone())
     };
-    let [printed, traced] = &learning.published;
-    let by_model = &learning.model_based[1];
+    let [(printed_x, printed), (traced_x, traced)] = learning.published.each_ref().map(curve);
+    let (by_model_x, by_model) = curve(&learning.model_based[1]);
     tall("B  Error of the slave", "block of 3 s", "mean magnitude / °")
         .x_range(0.0, 90.0)
         .y_range(0.0, 14.0)
-        .line(Vermillion, "published law", &numbers(traced), &traced.errors_deg)
-        .line(Blue, "model-based law", &numbers(by_model), &by_model.errors_deg)
-        .dashed(
-            Vermillion,
-            "published law, printed constants",
-            &numbers(printed),
-            &printed.errors_deg,
-        )
+        .line(Vermillion, "published law", &traced_x, &traced)
+        .line(Blue, "model-based law", &by_model_x, &by_model)
+        .dashed(Vermillion, "published law, printed constants", &printed_x, &printed)
         .horizontal(Grey, "1°", GOAL_DEG)
 }
 

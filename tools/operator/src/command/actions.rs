@@ -6,12 +6,13 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use indicatif::{ProgressBar, ProgressStyle};
-use ipc_types::{LoggerRequest, Verb};
+use ipc_types::{ExperimentAnswer, LoggerAnswer, LoggerRequest, Verb};
 use runtime::{DomainError, RigName};
 use serde_json::json;
 
-use super::{RunArguments, print_json};
+use super::{RunArguments, print, print_json};
 use crate::run::causes;
+use crate::up::absolute;
 use crate::{DATA_LOST, DONE, Error, FAILED, Progress, RigLink, RunOutcome};
 
 fn link(rig_name: &RigName) -> Result<RigLink, Error> {
@@ -27,22 +28,17 @@ fn link(rig_name: &RigName) -> Result<RigLink, Error> {
 
 pub(super) fn verb(rig_name: &RigName, verb: Verb, as_json: bool) -> anyhow::Result<i32> {
     let answer = link(rig_name)?.verb(verb)?;
-    let mut out = std::io::stdout();
-    if as_json {
-        let value = json!({
-            "verb": verb.text(),
-            "done": answer.done,
-            "state": answer.state,
-            "reason": answer.reason,
-        });
-        print_json(&value)?;
-        return Ok(if answer.done { DONE } else { FAILED });
-    }
-    if !answer.done {
+    if !answer.done && !as_json {
         return Err(Error::Refused { verb, reason: answer.reason, state: answer.state }.into());
     }
-    writeln!(out, "{}", answer.state)?;
-    Ok(DONE)
+    let value = json!({
+        "verb": verb.text(),
+        "done": answer.done,
+        "state": answer.state,
+        "reason": answer.reason,
+    });
+    print(as_json, value, &answer.state.to_string())?;
+    Ok(if answer.done { DONE } else { FAILED })
 }
 
 pub(super) fn run(arguments: &RunArguments, rig_name: &RigName) -> anyhow::Result<i32> {
@@ -88,24 +84,21 @@ pub(super) fn run(arguments: &RunArguments, rig_name: &RigName) -> anyhow::Resul
 
 pub(super) fn stop(rig_name: &RigName, as_json: bool) -> anyhow::Result<i32> {
     let stopped = crate::stop_protocol(&link(rig_name)?)?;
-    let mut out = std::io::stdout();
-    if as_json {
-        let value = json!({
-            "stopped": stopped.is_some(),
-            "protocol": stopped.as_ref().map(|answer| &answer.name),
-            "elapsed_s": stopped.as_ref().map(|answer| answer.elapsed_s),
-        });
-        print_json(&value)?;
-        return Ok(DONE);
-    }
-    match stopped {
-        Some(answer) => writeln!(
-            out,
-            "{} stopped after {:.1} s; the handle comes to rest, the motor stays enabled at 0 V",
-            answer.name, answer.elapsed_s
-        )?,
-        None => writeln!(out, "no protocol is running")?,
-    }
+    let value = json!({
+        "stopped": stopped.is_some(),
+        "protocol": stopped.as_ref().map(|answer| &answer.name),
+        "elapsed_s": stopped.as_ref().map(|answer| answer.elapsed_s),
+    });
+    let text = stopped.map_or_else(
+        || "no protocol is running".to_owned(),
+        |ExperimentAnswer { name, elapsed_s, .. }| {
+            format!(
+                "{name} stopped after {elapsed_s:.1} s; the handle comes to rest, the motor stays \
+                 enabled at 0 V"
+            )
+        },
+    );
+    print(as_json, value, &text)?;
     Ok(DONE)
 }
 
@@ -115,19 +108,10 @@ pub(super) fn start_recording(
     metadata: Vec<(String, String)>,
     as_json: bool,
 ) -> anyhow::Result<i32> {
-    let io = |source| Error::Io { doing: "make absolute", path: file.to_path_buf(), source };
-    let path = std::path::absolute(file).map_err(io)?;
-    let path = path.into_os_string().into_string().map_err(|text| Error::Path(text.into()))?;
-    let answer = link(rig_name)?.logger(&LoggerRequest::Start { path, metadata })?;
-    if !answer.error.is_empty() {
-        return Err(Error::Logger(answer.error).into());
-    }
-    let mut out = std::io::stdout();
-    if as_json {
-        print_json(&json!({ "recording": answer.recording }))?;
-    } else {
-        writeln!(out, "recording {}", answer.recording.unwrap_or_default())?;
-    }
+    let request = LoggerRequest::Start { path: absolute(file)?, metadata };
+    let answer = accepted(link(rig_name)?.logger(&request)?)?;
+    let value = json!({ "recording": answer.recording });
+    print(as_json, value, &format!("recording {}", answer.recording.unwrap_or_default()))?;
     Ok(DONE)
 }
 
@@ -137,18 +121,15 @@ pub(super) fn stop_recording(rig_name: &RigName, as_json: bool) -> anyhow::Resul
     let Some(file) = before.recording else {
         return Err(Error::Logger("nothing is being recorded".to_owned()).into());
     };
-    let answer = link.logger(&LoggerRequest::Stop)?;
-    if !answer.error.is_empty() {
-        return Err(Error::Logger(answer.error).into());
-    }
-    let mut out = std::io::stdout();
-    if as_json {
-        let value = json!({ "file": file, "written": answer.written, "lost": answer.lost });
-        print_json(&value)?;
-    } else {
-        writeln!(out, "{file}: {} messages, {} lost", answer.written, answer.lost)?;
-    }
-    Ok(if answer.lost > 0 { DATA_LOST } else { DONE })
+    let LoggerAnswer { written, lost, .. } = accepted(link.logger(&LoggerRequest::Stop)?)?;
+    let value = json!({ "file": file, "written": written, "lost": lost });
+    print(as_json, value, &format!("{file}: {written} messages, {lost} lost"))?;
+    Ok(if lost > 0 { DATA_LOST } else { DONE })
+}
+
+/// The logger's answer, unless it reports an error.
+fn accepted(answer: LoggerAnswer) -> Result<LoggerAnswer, Error> {
+    if answer.error.is_empty() { Ok(answer) } else { Err(Error::Logger(answer.error)) }
 }
 
 fn tell(out: &mut dyn Write, outcome: &RunOutcome) -> std::io::Result<()> {
