@@ -50,6 +50,18 @@ pub(crate) struct Done {
     pub(crate) unprovoked: Vec<TripCause>,
 }
 
+/// A kill, and what was seen of its consequences so far.
+#[derive(Clone, Copy)]
+struct Watched {
+    kill: Kill,
+    /// Incarnation of the killed process.
+    incarnation: Option<u64>,
+    /// The card's first scan at 0 V since (ns, CLOCK_MONOTONIC).
+    zero_volts_ns: Option<u64>,
+    /// When the next incarnation first published (ns, CLOCK_MONOTONIC).
+    back_ns: Option<u64>,
+}
+
 /// A running rig and its operator.
 pub(crate) struct Session<'a> {
     link: RigLink,
@@ -63,10 +75,8 @@ pub(crate) struct Session<'a> {
     token: Option<EnableToken>,
     sample: Option<Sample>,
     command: Option<MotorCommand>,
-    /// The kill whose consequences are being watched, and the card's first scan at 0 V since.
-    watched: Option<(u64, Option<u64>)>,
-    /// The process that was killed, its incarnation, and when the next one first published.
-    successor: Option<(Process, Option<u64>, Option<u64>)>,
+    /// The kill whose consequences are being watched.
+    watched: Option<Watched>,
     powered_at: Instant,
 }
 
@@ -90,7 +100,6 @@ impl<'a> Session<'a> {
             sample: None,
             command: None,
             watched: None,
-            successor: None,
             powered_at: Instant::now(),
         })
     }
@@ -221,32 +230,32 @@ impl<'a> Session<'a> {
         let unit = status.unit(process.text()).and_then(|unit| unit.process);
         let victim =
             unit.with_context(|| format!("the launcher knows of no process of {process}"))?;
-        let killed = self.incarnation(process).map(|(incarnation, _)| incarnation);
-        self.successor = Some((process, killed, None));
-        let at_ns = now_ns();
-        self.watched = Some((at_ns, None));
+        let incarnation = match process {
+            Process::Control => self.command.map(|command| command.incarnation),
+            _ => self.sample.map(|sample| sample.incarnation),
+        };
+        let kill = Kill { process, at_ns: now_ns() };
+        self.watched = Some(Watched { kill, incarnation, zero_volts_ns: None, back_ns: None });
         if !victim.signal(Signal::KILL) {
             bail!("{process} ({victim}) was dead before it was killed");
         }
-        let kill = Kill { process, at_ns };
         self.terminal.progress(format!("{process} killed with SIGKILL"));
         let tripped = self.wait(BACK_LIMIT, |session| session.state() != WatchdogState::Enabled)?;
         if !tripped {
             bail!("{process} was killed and the watchdog did not trip within {BACK_LIMIT:?}");
         }
-        let published = |session: &Self| session.successor.and_then(|(_, _, published)| published);
-        if !self.wait(BACK_LIMIT, |session| published(session).is_some())? {
+        let back_ns = |session: &Self| session.watched.and_then(|watched| watched.back_ns);
+        if !self.wait(BACK_LIMIT, |session| back_ns(session).is_some())? {
             bail!("{process} was killed and did not publish again within {BACK_LIMIT:?}");
         }
-        let ms = |time_ns: u64| time_ns.saturating_sub(at_ns) as f64 * 1e-6;
-        let back_ms = published(self).map_or(f64::NAN, ms);
-        let zero_volts = self.watched.and_then(|(_, zero_volts)| zero_volts);
-        let zero_volts = match zero_volts {
+        let ms = |time_ns: u64| time_ns.saturating_sub(kill.at_ns) as f64 * 1e-6;
+        let back_ms = back_ns(self).map_or(f64::NAN, ms);
+        let zero_volts = match self.watched.and_then(|watched| watched.zero_volts_ns) {
             Some(zero_volts_ns) => format!("motor at 0 V after {:.1} ms", ms(zero_volts_ns)),
             None => "motor NOT at 0 V".to_owned(),
         };
         let took_s = self.power()?;
-        (self.watched, self.successor) = (None, None);
+        self.watched = None;
         self.terminal.print(&format!(
             "{process} killed: {zero_volts}; back after {back_ms:.0} ms; reset, armed, enabled \
                 after {took_s:.1} s more"
@@ -338,14 +347,6 @@ impl<'a> Session<'a> {
             .unwrap_or(WatchdogState::Faulted)
     }
 
-    /// Who publishes the process's topic, and the time of its newest message.
-    fn incarnation(&self, process: Process) -> Option<(u64, u64)> {
-        match process {
-            Process::Control => self.command.map(|command| (command.incarnation, command.time_ns)),
-            _ => self.sample.map(|sample| (sample.incarnation, sample.time_ns)),
-        }
-    }
-
     /// Polls the topics until `until` holds; returns `false` at the time limit.
     fn wait(&mut self, limit: Duration, until: impl Fn(&Self) -> bool) -> anyhow::Result<bool> {
         let begun = Instant::now();
@@ -367,11 +368,11 @@ impl<'a> Session<'a> {
 
     /// Notes the first message of a successor.
     fn note(&mut self, process: Process, incarnation: u64, time_ns: u64) {
-        if let Some((dead, before, published @ None)) = &mut self.successor
-            && *dead == process
-            && *before != Some(incarnation)
+        if let Some(watched) = &mut self.watched
+            && watched.kill.process == process
+            && watched.incarnation != Some(incarnation)
         {
-            *published = Some(time_ns);
+            watched.back_ns.get_or_insert(time_ns);
         }
     }
 
@@ -389,14 +390,11 @@ impl<'a> Session<'a> {
             self.note(Process::Acquisition, sample.incarnation, sample.time_ns);
         }
         while let Some(scan) = self.scans.take()? {
-            if let Some((killed_ns, zero_volts)) = &mut self.watched
-                && scan.scan_time_ns >= *killed_ns
+            if let Some(watched) = &mut self.watched
+                && scan.scan_time_ns >= watched.kill.at_ns
             {
-                *zero_volts = if scan.motor_v[0] == 0.0 {
-                    zero_volts.or(Some(scan.scan_time_ns))
-                } else {
-                    None
-                };
+                let before = watched.zero_volts_ns.or(Some(scan.scan_time_ns));
+                watched.zero_volts_ns = before.filter(|_| scan.motor_v[0] == 0.0);
             }
         }
         Ok(())

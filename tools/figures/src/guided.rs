@@ -55,17 +55,10 @@ pub enum LawKind {
 
 impl LawKind {
     /// All of them, in the order of the table.
-    pub const ALL: [Self; 9] = [
-        Self::Proportional,
-        Self::Feedback,
-        Self::Printed,
-        Self::Identified,
-        Self::Observer,
-        Self::Slave,
-        Self::All,
-        Self::Learnt,
-        Self::LearntByModel,
-    ];
+    pub const ALL: [Self; 9] = {
+        use LawKind::*;
+        [Proportional, Feedback, Printed, Identified, Observer, Slave, All, Learnt, LearntByModel]
+    };
 
     /// Name in rows, name for a reader, compensation of the rig file's law.
     const fn table_row(self) -> (&'static str, &'static str, CompensationKind) {

@@ -109,16 +109,9 @@ fn decade_label(m: i32, decade: i32) -> String {
 }
 
 fn superscript(n: i32) -> String {
-    n.to_string()
-        .chars()
-        .map(|c| match c {
-            '-' => '⁻',
-            '1' => '¹',
-            '2' => '²',
-            '3' => '³',
-            d => char::from_u32(0x2070 + d as u32 - '0' as u32).unwrap_or(d),
-        })
-        .collect()
+    const DIGITS: [char; 10] = ['⁰', '¹', '²', '³', '⁴', '⁵', '⁶', '⁷', '⁸', '⁹'];
+    let digit = |c: char| c.to_digit(10).map_or('⁻', |digit| DIGITS[digit as usize]);
+    n.to_string().chars().map(digit).collect()
 }
 
 /// A tick's value with as many digits as the step needs, and a proper minus sign.
