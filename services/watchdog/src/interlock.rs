@@ -12,8 +12,8 @@
 //! ```
 //!
 //! The interlock never enables by itself. Faulted and Tripped are latched: they persist after the
-//! fault has cleared, until a person resets. Only faults that trip ([`FaultAction::Trips`]) lead there,
-//! and only they refuse a reset while active.
+//! fault has cleared, until a person resets. Only faults that trip ([`FaultAction::Trips`]) lead
+//! there, and only they refuse a reset while active.
 //!
 //! Once per cycle, pass every received message to [`Interlock::observe_sample`] or
 //! [`Interlock::observe_command`] and every verb to [`Interlock::command`], then read the clock and
