@@ -86,7 +86,7 @@ fn is(event: &Event, kind: EventKind) -> bool {
 
 /// Kills the experiment process once two blocks are done.
 fn kill_in_the_middle(rig: &TestRig) {
-    let state = rig.run_directory().join("experiment.lesson");
+    let state = rig.run_directory().join("experiment.ilc");
     let old = std::fs::metadata(&state).and_then(|found| found.modified()).ok();
     let mut changes = 0;
     let mut last = old;

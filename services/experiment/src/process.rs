@@ -35,7 +35,7 @@ const HEARTBEAT_NS: u64 = 50 * MILLISECOND_NS;
 /// Name of the state's file.
 const STATE: &str = "experiment.state";
 /// Name of the file with the state of a learning run between two blocks.
-const ILC_STATE: &str = "experiment.lesson";
+const ILC_STATE: &str = "experiment.ilc";
 /// Name of the folder of learnt references, where none was given.
 const LEARNT: &str = "learnt";
 

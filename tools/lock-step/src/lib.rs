@@ -265,8 +265,8 @@ impl LockStepRig {
         Ok(CycleResult { time_s, sample, command, motion: motions[0], motions })
     }
 
-    /// Lets control miss its next cycles: the plant goes on under the volts that were due, then under
-    /// those that the card holds.
+    /// Lets control miss its next cycles: the plant goes on under the volts that were due, then
+    /// under those that the card holds.
     ///
     /// # Errors
     /// [`LockStepError::Daq`].
