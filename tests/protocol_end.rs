@@ -19,9 +19,9 @@ const MOVES: f64 = 0.2;
 /// Largest movement of a handle at rest: two counts of its encoder are noise (rad).
 const AT_REST: f64 = 0.01;
 
-/// Samples of half a second, and of two (2 kHz).
+/// Samples of half a second, and of a whole period of the guided movement (2 kHz, 1 Hz).
 const SHORTLY: &str = "1000";
-const LONG: &str = "4000";
+const PERIOD: &str = "2000";
 
 /// What the rig did within some samples.
 struct Observed {
@@ -95,7 +95,7 @@ impl Bench {
     /// Powers a rig whose protocol has ended; asserts that neither voltage nor movement follows.
     fn assert_power_moves_nothing(&self, after: &str) {
         self.power_cycle();
-        let Observed { moved_rad, volts } = self.observe(LONG);
+        let Observed { moved_rad, volts } = self.observe(PERIOD);
         assert!(volts == 0.0, "{after}: {volts} V at the motor without `run`");
         assert!(moved_rad < AT_REST, "{after}: the handle moved by {moved_rad} rad");
         assert!(!self.running(), "{after}: {:?}", self.status());
