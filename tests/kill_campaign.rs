@@ -15,8 +15,8 @@ use ipc_types::{LOGGER_COMMANDS, LoggerAnswer, LoggerRequest, TripCause, Watchdo
 use launch::{ProcessIdentity, UnitState};
 
 /// Rounds, each of which kills every process once; `FARREACH_KILL_ROUNDS` overrides the number. As
-/// many rounds as processes, so that each process comes at each place of the order, and two more.
-const ROUNDS: usize = 10;
+/// many rounds as processes, so that each process comes once at each place of the order.
+const ROUNDS: usize = 8;
 /// Attempts per kill; a stall of the host spoils an attempt.
 const ATTEMPTS: usize = 12;
 /// The topics of the loops that power the motor.
