@@ -1,9 +1,9 @@
-"""PySINDy and SysIdentPy beside `farreach identify`: the same records, the same rows held back, the
-same machine, one thread each.
+"""Compares PySINDy and SysIdentPy with `farreach identify`: same records, same held-back rows, same
+machine, one thread each.
 
-Called by run.sh. Each method's result on each case is a file below the work directory as soon as it
-is there; a second run goes
-on after what it finds. Writes peers.json, prints the tables and writes them to peers.md.
+Called by run.sh. The result of each method on each case is stored in a file below the work directory
+as soon as it is available; a second run skips the results that exist. Writes peers.json, prints the
+tables and writes them to peers.md.
 """
 
 import argparse
@@ -49,7 +49,7 @@ def tell(text):
 
 
 def kept(path, make):
-    """What the file says; made and written where it is not there."""
+    """Returns the result stored in a file; computes and stores it if the file does not exist."""
     if not path.exists():
         path.parent.mkdir(parents=True, exist_ok=True)
         load = os.getloadavg()[0]
@@ -66,14 +66,14 @@ def processor_seconds():
 
 
 def timed(function):
-    """Its result, with the processor's time beside the wall's: the machine may be shared."""
+    """Its result with wall-clock and processor time: the machine may be shared."""
     before = processor_seconds()
     result = function()
     return result | {"processor_seconds": processor_seconds() - before}
 
 
 def identify(args, rig, records, json_file):
-    """Runs farreach; its JSON and how long it took."""
+    """Runs farreach; returns its JSON output and the time that it took."""
     command = [
         args.farreach,
         "identify",
@@ -100,7 +100,7 @@ def identify(args, rig, records, json_file):
 
 
 def named(identified):
-    """What farreach says is missing, in a few words."""
+    """The verdict of farreach in a few words."""
     effects = ["{id}@{site}".format(**effect) for effect in identified["effects"]]
     rivals = ["{id}@{site}".format(**rival) for rival in identified["ambiguous_with"]]
     text = " + ".join(effects) or {
@@ -126,8 +126,8 @@ def parameters_of(identified):
 
 
 def run_ahead(args, folder, json_file, roles):
-    """farreach's model 12.5 ms ahead and all the way, the observer chosen on the select records as
-    for PySINDy."""
+    """Errors of farreach's model 12.5 ms ahead and over the whole record; the observer is chosen on
+    the select records, as for PySINDy."""
     found = {}
     for role in ("select", "report"):
         done = subprocess.run(
@@ -225,7 +225,7 @@ def blind_case(args, name):
     }
 
 
-# --- measured by others
+# --- records measured by other groups
 
 
 def measured_case(args, name):
@@ -370,7 +370,7 @@ def main():
     args = parser.parse_args()
     for name in ("work", "farreach", "ahead", "cases", "data"):
         setattr(args, name, str(Path(getattr(args, name)).resolve()))
-    # Nothing here draws at random; if a library does, it repeats.
+    # No random numbers are used here; if a library uses them, its results are repeatable.
     np.random.seed(1)
     cases = []
     for name in args.case or CASES:

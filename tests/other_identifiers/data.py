@@ -1,4 +1,4 @@
-"""Records, the split that farreach states, and the filters that all methods share."""
+"""Records, the split reported by farreach, and the filters common to all methods."""
 
 import re
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ class Record:
 
 
 def columns(path):
-    """A CSV's columns by name."""
+    """The columns of a CSV file by name."""
     with open(path, encoding="utf-8") as file:
         names = file.readline().strip().split(",")
     table = np.loadtxt(path, delimiter=",", skiprows=1)
@@ -48,7 +48,7 @@ def transmission(path):
 
 
 def whole_records(identified, records):
-    """Records by role, as farreach's JSON states them."""
+    """Records by role, from farreach's JSON output."""
     by_name = {record.name: record for record in records}
     return {
         role: [by_name[Path(name).name] for name in names]
@@ -82,15 +82,14 @@ def blocks(identified, time):
 
 
 def low_pass(signal, cut_off_hz, step_s):
-    """Butterworth, order 4, forward and backward: farreach's filter for models that are read
-    inversely."""
+    """Zero-phase Butterworth filter of order 4, as farreach uses it for inverse models."""
     sections = butter(4, cut_off_hz, fs=1.0 / step_s, output="sos")
     pad = min(int(np.ceil(3.0 / (cut_off_hz * step_s))), len(signal) - 1)
     return sosfiltfilt(sections, signal, axis=0, padlen=pad)
 
 
 def derivative(signal, step_s):
-    """Central differences over five points; over two and one at the ends."""
+    """Central differences over five points, over fewer points at the ends."""
     slope = np.gradient(signal, step_s, axis=0)
     slope[2:-2] = (8.0 * (signal[3:-1] - signal[1:-3]) - (signal[4:] - signal[:-4])) / (
         12.0 * step_s
@@ -107,16 +106,16 @@ class Spectrum:
         before = 2.0 * signal[0] - signal[continued:0:-1]
         after = 2.0 * signal[-1] - signal[-2 : -continued - 2 : -1]
         whole = np.concatenate([before, signal, after])
-        # What is left of a step between both ends is a straight line, which is taken out and put
-        # back.
+        # The difference between the two ends is a straight line, which is subtracted before the
+        # transform and added afterwards.
         self.slope = (whole[-1] - whole[0]) / (len(whole) - 1)
         self.first = whole[0]
         self.whole = len(whole)
         self.values = np.fft.rfft(whole - self.first - self.slope * np.arange(self.whole))
 
     def wave(self, order, cut_off_hz=None, finer=1):
-        """The derivative of this order, `finer` values a sample, without what lies above the
-        cut-off (a cosine edge 10 % wide)."""
+        """The derivative of this order at `finer` values per sample, low-passed at the cut-off
+        (cosine edge, 10 % wide)."""
         frequency = np.fft.rfftfreq(self.whole, self.step_s)
         weight = np.ones_like(frequency)
         if cut_off_hz is not None:

@@ -17,7 +17,7 @@ from sysidentpy.parameter_estimation import LeastSquares
 
 
 class FrolsOfRecords(FROLS):
-    """FROLS on records one after another: rows whose lags reach into the record before are left
+    """FROLS on concatenated records: rows whose lags reach into the previous record are left
     out.
 
     SysIdentPy takes one record; at a seam positions jump, and a few such rows outweigh thousands of
@@ -28,17 +28,16 @@ class FrolsOfRecords(FROLS):
     path = None
 
     def run_mss_algorithm(self, psi, y, process_term_number):
-        # Forward regression is nested: the first terms of a long path are the short path.
-        # SysIdentPy walks it anew for every order
-        # that the criterion looks at; walked once, it ends with the same models fifteen times as
-        # fast.
+        # Forward regression is nested: a short regression is the beginning of a longer one.
+        # SysIdentPy repeats it for every order that the criterion examines; run once, it gives
+        # the same models fifteen times as fast.
         longest = min(max(self.n_info_values, process_term_number), psi.shape[1])
         if self.path is None or self.path[0] < longest:
             keep = np.ones(len(psi), dtype=bool)
             for seam in self.seams:
                 keep[seam - self.max_lag : seam] = False
             target = y[self.max_lag :][keep]
-            # The algorithm leaves out the first `max_lag` rows of y itself.
+            # The algorithm itself omits the first `max_lag` rows of y.
             whole = np.concatenate([y[: self.max_lag], target])
             error, order, _ = self.error_reduction_ratio(psi[keep], whole, longest)
             self.path = longest, error, order, psi[keep][:, order], target
@@ -57,11 +56,11 @@ class Narx:
 
     @property
     def count(self):
-        """Terms kept."""
+        """Number of terms in the model."""
         return len(self.terms)
 
     def text(self, most=12):
-        """The model, terms by their share of the explained variance."""
+        """The model as text, terms ordered by their share of the explained variance."""
 
         def product(factors):
             return (
@@ -73,7 +72,7 @@ class Narx:
         return f"{self.names[0]}[k] = {shown}{more}"
 
     def next(self, lagged):
-        """The next value; `lagged[variable][..., -1]` is the latest of each."""
+        """The next value; `lagged[variable][..., -1]` is the latest value of each variable."""
         total = 0.0
         for coefficient, factors in self.terms:
             part = coefficient
@@ -84,8 +83,8 @@ class Narx:
 
 
 def fit(outputs, inputs, names, *, lags, degree, most_terms, static=False):
-    """Fits on records given as lists: `outputs` of (rows,), `inputs` of (rows, many). `lags` are
-    those of output and inputs."""
+    """Fits a model to records given as lists: `outputs` of shape (rows,), `inputs` of shape (rows,
+    inputs). `lags` are those of output and inputs."""
     y = np.concatenate(outputs)[:, None]
     x = np.concatenate(inputs)
     of_inputs = [list(range(1, lags[1] + 1))] * x.shape[1] if x.shape[1] > 1 else lags[1]
@@ -103,15 +102,15 @@ def fit(outputs, inputs, names, *, lags, degree, most_terms, static=False):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         model.fit(X=x, y=y)
-        # By itself it stops at the first rise of the criterion; its least value over all orders
-        # serves the model better.
+        # SysIdentPy stops at the first increase of the criterion; the minimum over all orders
+        # gives a better model.
         best = int(np.nanargmin(model.info_values)) + 1
         if best != model.n_terms:
             model.order_selection, model.n_terms = False, best
             model.fit(X=x, y=y)
     terms = []
     for code, theta in zip(model.final_model, np.ravel(model.theta), strict=True):
-        # A factor is written as thousands for the variable (1: the output) and lag.
+        # A factor is coded as 1000 times the variable (1: the output) plus the lag.
         factors = [(int(c) // 1000 - 1, int(c) % 1000) for c in code if c]
         terms.append((float(theta), factors))
     return Narx(terms, names, max(lags))

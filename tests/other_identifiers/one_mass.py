@@ -1,5 +1,5 @@
-"""Peers on the two measured records: EMPS by its force, Silverbox by simulation of its output. The
-rows are those of farreach."""
+"""PySINDy and SysIdentPy on the two measured records: the force of EMPS, the simulated output of
+Silverbox. The rows are those of farreach."""
 
 import itertools
 import time
@@ -10,10 +10,10 @@ import data
 import narmax
 import sindy
 
-# --- EMPS: motion in, force out, all below 40 Hz, as farreach reads it and as published.
+# --- EMPS: from motion to force, all below 40 Hz, as in farreach and in the publication.
 
 CUT_OFF_HZ = 40.0
-# Every fifth sample is a row, from the hundredth on: as in farreach.
+# Every fifth sample from the hundredth on is a row, as in farreach.
 STRIDE = 5
 TURN_M = 0.0025
 WIDTHS_M_S = (0.0005, 0.002, 0.01)
@@ -37,12 +37,12 @@ class Emps:
         return data.low_pass(signal, CUT_OFF_HZ, self.step_s)
 
     def pieces(self, role, *signals):
-        """Signals of a role, one array a block."""
+        """Signals of a role, one array per block."""
         table = np.column_stack(signals)
         return [table[first:end] for first, end in self.blocks[role]]
 
     def percent(self, model_force, role):
-        """Residual in percent of the force's root mean square, both over the rows of a role."""
+        """Residual over the rows of a role, in percent of the root mean square of the force."""
         rows = np.concatenate([np.arange(first, end) for first, end in self.blocks[role]])
         rows = rows[rows % STRIDE == 0]
         residual = data.rms(self.force[rows] - model_force[rows])
@@ -50,8 +50,8 @@ class Emps:
 
 
 def emps_force(emps, equations):
-    """The force that the equation of the speed demands; what is not linear in the motion passes the
-    low-pass once more."""
+    """The force according to the equation of the speed; terms that are not linear in the motion pass
+    the low-pass once more."""
     values = {"x": emps.position, "v": emps.velocity, "sin": np.sin, "cos": np.cos}
     values |= {"tanh": np.tanh, "sign": np.sign, "abs": np.abs}
     linear, bent, of_force = emps.acceleration.copy(), np.zeros_like(emps.force), 0.0
@@ -59,7 +59,7 @@ def emps_force(emps, equations):
         if term == "force":
             of_force = coefficient
         elif term in ("1", "x", "v"):
-            linear -= coefficient * eval(term, values)  # a term of the library, as named above
+            linear -= coefficient * eval(term, values)  # a term of the library above
         elif coefficient:
             bent -= coefficient * eval(term, values)
     if of_force == 0.0:
@@ -68,7 +68,7 @@ def emps_force(emps, equations):
 
 
 def emps_sindy(emps, tell):
-    """PySINDy: acceleration from position, speed and force; read for the force."""
+    """PySINDy: acceleration from position, speed and force; solved for the force."""
     began, tried, single = time.perf_counter(), [], []
     states = emps.pieces("fit", emps.position, emps.velocity)
     inputs = emps.pieces("fit", emps.force)
@@ -99,7 +99,7 @@ def emps_sindy(emps, tell):
 
 def emps_narmax(emps, tell, told=False):
     """SysIdentPy: the force as a polynomial of position, speed and acceleration at the same row;
-    `told` of dry friction, as an input."""
+    `told`: with the sign of the speed as a further input."""
     began, tried, single = time.perf_counter(), [], []
     for degree, width in itertools.product(
         (1, 2, 3) if told else (1, 3, 5), WIDTHS_M_S if told else (None,)
@@ -120,7 +120,7 @@ def emps_narmax(emps, tell, told=False):
                 emps.pieces("fit", emps.force), emps.pieces("fit", *signals), strict=True
             )
         ]
-        # Lag 1 of a signal that runs one row ahead is the same row.
+        # Lag 1 of a signal shifted ahead by one row is the same row.
         ahead = [np.concatenate([x[1:], x[-1:]]) for _, x in rows]
         model = narmax.fit(
             [f for f, _ in rows],
@@ -148,13 +148,13 @@ def emps_narmax(emps, tell, told=False):
     }
 
 
-# --- Silverbox: input in, output out, simulated.
+# --- Silverbox: simulation of the output from the input.
 
 CUT_OFFS_HZ = (150.0, 200.0, 250.0)
-# The simulation follows the input between the samples this many times finer.
+# Steps of the simulation per sample of the input.
 FINER = 8
-# Samples simulated before a block of rows, from the measured state: ten times the time in which the
-# machine forgets.
+# Samples simulated before a block of rows, from the measured state: ten times the memory of the
+# system.
 BEFORE = 300
 NARX = ((0, (2, 2), 3), (1, (2, 2), 3), (0, (3, 3), 3), (1, (3, 3), 3), (1, (8, 8), 1))
 
@@ -170,13 +170,13 @@ class Silverbox:
         self.blocks = data.blocks(identified, time_s)
 
     def layout(self, role):
-        """Where simulations of a role's blocks begin, and how many samples they last."""
+        """Start of the simulation of each block of a role, and its number of samples."""
         first = np.array([max(first - BEFORE, 16) for first, _ in self.blocks[role]])
         steps = max(end - start for (_, end), start in zip(self.blocks[role], first, strict=True))
         return first, steps
 
     def millivolts(self, simulated, role):
-        """Error of simulated outputs (blocks, steps) on the rows of a role (mV)."""
+        """Error of the simulated outputs (blocks, steps) on the rows of a role (mV)."""
         first, _ = self.layout(role)
         off = [
             self.output[a:b] - own[a - start : b - start]
@@ -187,7 +187,7 @@ class Silverbox:
 
 
 def silverbox_sindy(box, tell):
-    """PySINDy: acceleration from output, its speed and input, spectral derivatives; simulated."""
+    """PySINDy: acceleration from output, its speed and input (spectral derivatives); simulated."""
     began, tried, single = time.perf_counter(), [], []
     output, wave = data.Spectrum(box.output, box.step_s), data.Spectrum(box.input, box.step_s)
     fine = wave.wave(0, finer=FINER)
@@ -249,7 +249,7 @@ def silverbox_sindy(box, tell):
 
 
 def silverbox_narmax(box, tell):
-    """SysIdentPy: output from its past and the input's; simulated, no measured output after the
+    """SysIdentPy: output from past outputs and inputs; simulated without measured outputs after the
     start."""
     began, tried, single = time.perf_counter(), [], []
 

@@ -1,4 +1,4 @@
-"""PySINDy: what its sparse regression makes of the records, as a model that can be simulated.
+"""PySINDy: sparse regression on the records, and its result as a model that can be simulated.
 
 States are positions and speeds, inputs are controls. The library has polynomials of states and
 controls, and for each speed a sign, a
@@ -26,11 +26,11 @@ class Equations:
     states: list
     inputs: list
     terms: list
-    # By speed: coefficient of each term.
+    # For each speed: the coefficient of each term.
     coefficients: np.ndarray
 
     def __post_init__(self):
-        """Writes the sums out as a function on arrays: as fast as numpy can."""
+        """Compiles the sums to a function on arrays, for speed."""
         lines, used = [], []
         for index, term in enumerate(self.terms):
             if np.any(self.coefficients[:, index]):
@@ -45,20 +45,20 @@ class Equations:
             [*lines, "    return " + ", ".join(sums) + ","]
         )
         space = {"sin": np.sin, "cos": np.cos, "tanh": np.tanh, "sign": np.sign, "abs": np.abs}
-        exec(code, space)  # the text above and nothing else
+        exec(code, space)  # the generated text above only
         self.rates = space["rates"]
-        # The same for plain numbers: where there is one record, ten times as fast.
+        # The same for plain numbers: ten times as fast for a single record.
         space = {"sin": math.sin, "cos": math.cos, "tanh": math.tanh, "sign": sign, "abs": abs}
         exec(code, space)
         self.rates_of_numbers = space["rates"]
 
     @property
     def count(self):
-        """Terms kept in all equations."""
+        """Number of terms in all equations."""
         return int(np.count_nonzero(self.coefficients))
 
     def text(self, most=12):
-        """The equations, largest contributions are not known here: in the order of the library."""
+        """The equations as text, terms in the order of the library."""
         names = [f"d{speed}/dt" for speed in self.states[len(self.states) // 2 :]]
         shown = []
         for name, row in zip(names, self.coefficients, strict=True):
@@ -68,8 +68,8 @@ class Equations:
         return shown
 
     def step(self, state, before, after, duration, steps):
-        """Runge-Kutta of order 4; `state` is (states, many), inputs go linearly from `before` to
-        `after`."""
+        """One Runge-Kutta step of order 4; `state` has the shape (states, records), inputs are
+        interpolated linearly from `before` to `after`."""
         h = duration / steps
         half = len(state) // 2
 
@@ -90,13 +90,13 @@ class Equations:
 
 
 def sign(number):
-    """As numpy has it."""
+    """The sign of a number, 0 for 0."""
     return (number > 0.0) - (number < 0.0)
 
 
 def library(positions, speeds, controls, degree, width, control_products=True, per_turn=None):
-    """The library, with names that are Python; `per_turn` is the angle by which a position goes
-    into sine and cosine."""
+    """The library, with term names that are Python expressions; `per_turn` converts a position to
+    the angle in sine and cosine."""
     n = positions + speeds + controls
     friction = ps.CustomLibrary(
         [lambda v: np.sign(v), lambda v: np.tanh(v / width), lambda v: np.abs(v) * v],
@@ -143,7 +143,7 @@ def fit(states, inputs, rates, step_s, make_library, threshold, names):
 
 
 def python(name):
-    """PySINDy writes `x y^2` for a product: the same in Python."""
+    """Converts PySINDy's product notation `x y^2` to Python."""
     if "(" in name:
         return name
     return " * ".join(part.replace("^", "**") for part in name.split(" "))

@@ -1,5 +1,5 @@
-"""Peers on the records of a transmission: fitted on the fit records, chosen on the select records,
-judged on the report records.
+"""PySINDy and SysIdentPy on the records of a transmission: fitted to the fit records, chosen on the
+select records, evaluated on the report records.
 
 Two errors that every model has, against measured positions:
 
@@ -26,14 +26,14 @@ AHEAD = 25
 SETTLING = 400
 SEEING_RAD_S = 150.0
 OBSERVERS_RAD_S = (80.0, 150.0, 300.0)
-# With which models are chosen.
+# Records with which models are chosen.
 CHOOSING_RAD_S = 150.0
 OBSERVER_DAMPING = 1.4
-# Rows that a row of farreach's residual is the mean of.
+# Number of rows averaged in one row of farreach's residual.
 WIDTH = 8
-# A model beyond this has lost the record (rad).
+# A model with a larger error counts as diverged (rad).
 LOST_RAD = 1e3
-# Runge-Kutta steps a row: what the steepest smoothed sign of the library asks for (a pole at 300
+# Runge-Kutta steps per row, as required by the steepest smoothed sign of the library (a pole at 300
 # rad/s² over 0.05 rad/s, 0.25 ms).
 STEPS = 2
 STATES = (["qm", "qs", "vm", "vs"], ["volts", "torque"])
@@ -43,7 +43,7 @@ WIDTHS_RAD_S = (0.05, 0.3)
 THRESHOLDS = (0.003, 0.01, 0.03, 0.1, 0.3)
 DEGREES = (1, 2, 3)
 
-# Rows a sample, lags of output and inputs, degree.
+# Rows per sample, lags of output and inputs, degree.
 NARX = (
     (25, (4, 4), 1),
     (25, (4, 4), 2),
@@ -56,7 +56,7 @@ MOST_TERMS = 30
 
 
 def errors(off):
-    """Root mean square of master and slave (mrad); None where the model was lost."""
+    """Root mean square of master and slave (mrad); None if the model diverged."""
     off = (
         np.concatenate([part.reshape(-1, 2) for part in off])
         if isinstance(off, list)
@@ -69,12 +69,12 @@ def errors(off):
 
 
 def score(error):
-    """One number to choose by: the mean logarithm of both errors."""
+    """Criterion of choice: the mean logarithm of both errors."""
     return np.inf if error is None else float(np.mean(np.log([error["master"], error["slave"]])))
 
 
 def stacked(records):
-    """Positions and inputs of records as (many, rows, 2); as long as the shortest."""
+    """Positions and inputs of records as (records, rows, 2), cut to the shortest."""
     rows = min(len(record.positions) for record in records)
     return np.stack([r.positions[:rows] for r in records]), np.stack(
         [r.inputs[:rows] for r in records]
@@ -85,8 +85,8 @@ def stacked(records):
 
 
 def constant_speed(records):
-    """Where a position would be that went on with the speed of the last 5, 12.5 or 25 ms: what any
-    model must beat."""
+    """Prediction at the speed of the last 5, 12.5 or 25 ms: the reference that every model should
+    improve on."""
     positions, _ = stacked(records)
     starts = np.arange(SETTLING, positions.shape[1] - AHEAD, AHEAD)
     found = []
@@ -100,8 +100,8 @@ def constant_speed(records):
 
 
 def prepared(records, cut_off_hz):
-    """Filtered positions, speeds, inputs and derivatives at 500 Hz, both ends of a record left
-    out."""
+    """Filtered positions, speeds, inputs and derivatives at 500 Hz, without both ends of a
+    record."""
     states, inputs, rates = [], [], []
     for record in records:
         position = data.low_pass(record.positions, cut_off_hz, record.step_s)
@@ -115,7 +115,7 @@ def prepared(records, cut_off_hz):
 
 
 def observed(equations, positions, inputs, state, step_s, observer_rad_s):
-    """Innovations (many, rows, 2), and states after each correction (rows, states, many)."""
+    """Innovations (records, rows, 2) and states after each correction (rows, states, records)."""
     many, rows, _ = positions.shape
     gains = OBSERVER_DAMPING * observer_rad_s * step_s, observer_rad_s**2 * step_s
     innovations, states = np.empty((rows, 2, many)), np.empty((rows, 4, many))
@@ -125,14 +125,14 @@ def observed(equations, positions, inputs, state, step_s, observer_rad_s):
         innovations[row] = off
         state = state + np.concatenate([gains[0] * off, gains[1] * off])
         states[row] = state
-        # Volts are held from row to row.
+        # Volts are held constant from row to row.
         state = equations.step(state, u[row], u[row], step_s, STEPS)
     return innovations.transpose(2, 0, 1), states
 
 
 def walked(equations, record, rows, observer_rad_s):
-    """As `observed`, from rest, on one record in plain numbers; an observer of 0 pulls nothing.
-    None where the model is lost."""
+    """As `observed`, from rest, on one record in plain numbers; an observer of bandwidth 0 corrects
+    nothing. None if the model diverged."""
     rates, step_s = equations.rates_of_numbers, record.step_s
     h = step_s / STEPS
     gains = OBSERVER_DAMPING * observer_rad_s * step_s, observer_rad_s**2 * step_s
@@ -181,7 +181,7 @@ def judged(equations, records, observer_rad_s):
 
 
 def foretold(equations, states, positions, inputs, starts, step_s):
-    """Measured less foretold (many, starts, 2)."""
+    """Measured minus predicted (records, starts, 2)."""
     many = positions.shape[0]
     state = states[starts].transpose(1, 0, 2).reshape(4, -1)
     for k in range(AHEAD):
@@ -192,8 +192,8 @@ def foretold(equations, states, positions, inputs, starts, step_s):
 
 
 def sections(records, cut_off_hz=40.0, rows=200, settling=75):
-    """Pieces of records of 0.1 s, all at once, with states at their starts from the filtered
-    record: for choosing only."""
+    """Simulates pieces of 0.1 s of the records together, with initial states from the filtered
+    record; used for the choice only."""
     q, u, start = [], [], []
     for record in records:
         position = data.low_pass(record.positions, cut_off_hz, record.step_s)
@@ -206,7 +206,7 @@ def sections(records, cut_off_hz=40.0, rows=200, settling=75):
 
 
 def sindy_choice(fit_records, select_records, tell):
-    """The best of the grid on the select records."""
+    """The best setting of the grid on the select records."""
     step_s = fit_records[0].step_s
     q, u, start, starts = sections(select_records)
     tried, single, laid_out = [], [], {}
@@ -234,7 +234,7 @@ def sindy_choice(fit_records, select_records, tell):
     def best():
         return min(tried, key=lambda t: t[0])
 
-    # First how smooth, then how many terms, then the shape of friction.
+    # First the smoothing, then the number of terms, then the shape of friction.
     for cut_off in CUT_OFFS_HZ:
         attempt(cut_off, WIDTHS_RAD_S[0], 2, 0.03)
     for degree, threshold in itertools.product(DEGREES, THRESHOLDS):
@@ -254,7 +254,7 @@ def sindy_choice(fit_records, select_records, tell):
 
 
 def run_sindy(roles, tell):
-    """Chooses, fits and judges."""
+    """Chooses, fits and evaluates the model."""
     began = time.perf_counter()
     step_s = roles["fit"][0].step_s
     equations, settings, single = sindy_choice(roles["fit"], roles["select"], tell)
@@ -298,7 +298,7 @@ def averaged(innovations):
 
 
 def sampled(records, every):
-    """Every so many rows: positions as they are, inputs as means from one sample to the next."""
+    """Samples of every n-th row: positions as they are, inputs as means since the last sample."""
     positions = [
         record.positions[: len(record.positions) // every * every : every] for record in records
     ]
@@ -310,7 +310,7 @@ def sampled(records, every):
 
 
 class Pair:
-    """Both positions, each by its own NARX model."""
+    """Both positions, each with its own NARX model."""
 
     def __init__(self, records, every, lags, degree):
         self.every, self.lag = every, max(lags)
@@ -330,8 +330,8 @@ class Pair:
             )
 
     def run(self, positions, inputs, starts, steps):
-        """Positions foretold (starts, steps + 1, 2), the first one measured; positions and inputs
-        of one record, sampled."""
+        """Predicted positions (starts, steps + 1, 2), the first one measured, from the sampled
+        positions and inputs of one record."""
         back = np.arange(-self.lag + 1, 1)
         q = positions[starts[:, None] + back]
         u = inputs[starts[:, None] + back]
@@ -351,7 +351,7 @@ class Pair:
         return shown
 
     def ahead(self, records):
-        """Measured less foretold, 12.5 ms ahead."""
+        """Measured minus predicted, 12.5 ms ahead."""
         off = []
         for positions, inputs in zip(*sampled(records, self.every), strict=True):
             steps, rows = AHEAD // self.every, len(records[0].positions)
@@ -363,7 +363,7 @@ class Pair:
         return off
 
     def free(self, records):
-        """Measured less simulated."""
+        """Measured minus simulated."""
         off = []
         for positions, inputs in zip(*sampled(records, self.every), strict=True):
             first = self.lag - 1
@@ -375,7 +375,7 @@ class Pair:
 
 
 def run_narmax(roles, tell):
-    """Chooses, fits and judges."""
+    """Chooses, fits and evaluates the model."""
     began = time.perf_counter()
     tried, single = [], []
     with np.errstate(all="ignore"):

@@ -42,11 +42,6 @@ mod siso_parameters;
 mod stability_model;
 mod torque_channel;
 
-#[cfg(test)]
-mod tests {
-    mod generated_pages;
-}
-
 pub use axis::Axis;
 pub use axis_control::{AxisControl, Feedforward};
 pub use axis_unit::AxisUnit;
@@ -65,3 +60,8 @@ pub use rates::{Phases, Rates};
 pub use rig_file::{Replay, RigFile};
 pub use simulation::{Hand, HandKind, Simulation};
 pub use torque_channel::TorqueChannel;
+
+#[cfg(test)]
+mod tests {
+    mod generated_pages;
+}
