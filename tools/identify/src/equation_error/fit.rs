@@ -41,12 +41,13 @@ impl RegressionModel {
         structure: &Structure<'_>,
         blocks: &[Block],
         known: &[f64],
-        how: ShapeSearch,
+        shape_search: ShapeSearch,
     ) -> Option<Fitted> {
         let shapes = self.shapes(structure);
         let bounds = self.bounds(structure);
-        let mut values = self.search_grid(structure, blocks, &shapes, &bounds, (known, how))?;
-        if how == ShapeSearch::Refine && shapes.iter().any(|s| s.points > 1) {
+        let mut values =
+            self.search_grid(structure, blocks, &shapes, &bounds, (known, shape_search))?;
+        if shape_search == ShapeSearch::Refine && shapes.iter().any(|s| s.points > 1) {
             values = self.refine(structure, blocks, &shapes, &bounds, values);
         }
         let columns = self.columns(structure, &values);
@@ -65,14 +66,14 @@ impl RegressionModel {
         blocks: &[Block],
         shapes: &[Shape],
         bounds: &[Bound],
-        (known, how): (&[f64], ShapeSearch),
+        (known, shape_search): (&[f64], ShapeSearch),
     ) -> Option<Vec<f64>> {
         let places = self.places(structure);
         let settled = places.iter().take_while(|place| place.end <= known.len().max(1)).count();
         // An effect without shapes counts as settled, but may be new all the same.
         let last_is_new = structure.effects.last().is_some_and(|e| e.declaration().uses_sign);
         let smoothing = match known.first() {
-            Some(held) if how == ShapeSearch::Fixed || !last_is_new => vec![*held],
+            Some(held) if shape_search == ShapeSearch::Fixed || !last_is_new => vec![*held],
             _ => grid(&shapes[..1]).into_iter().flatten().collect(),
         };
         if smoothing.len() == 1 && settled == structure.effects.len() {

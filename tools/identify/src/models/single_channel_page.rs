@@ -3,7 +3,7 @@
 use report::{Colour, Figure, Page, Table, Tone};
 
 use super::single_channel_result::{Study, all_rows};
-use crate::effects::find;
+use crate::effects::{Units, find};
 use crate::naming::{held, labels};
 use crate::outcome::{Left, Outcome, Verdict};
 use crate::outcome_tables::{candidates_and_parameters, short, what_is_left};
@@ -185,37 +185,13 @@ pub(super) fn page(study: &Study<'_>, outcome: &Outcome) -> Page {
     for (label, record) in names.iter().zip(&records).take(MOST_FIGURES) {
         page = record_figures(page, &channel, (label, record), with);
     }
-    page = page.heading("What the residual depends on").paragraph(
-        "Mean of the residual in bins (line) and one standard deviation of the rows in a bin to \
-         either side (band). A mean away from zero is something that the model lacks.",
-    );
-    let u = &regression.axis.units;
-    let all = |f: &dyn Fn(&RecordRows) -> &[f64]| -> Vec<f64> {
-        records.iter().flat_map(|r| f(r).iter().copied()).collect()
-    };
-    let (before, after) = (all(&|r| &r.before), all(&|r| &r.after));
-    for (what, unit, values) in [
-        ("position", u.position, all(&|r| &r.position)),
-        ("velocity", u.velocity, all(&|r| &r.velocity)),
-        ("time", "s", all(&|r| &r.time)),
-    ] {
-        let figure = banded(what, unit, channel.unit, &values, (&before, &after), with);
-        page = page.figure(&figure, &format!("Residual against {what}, all rows of all records."));
-    }
-    page = page.figure(
-        &spectrum(&channel, records.first(), with),
-        &format!(
-            "Amplitude of the {} and of its residuals in bands of a sixth of an octave, all rows \
-             of the first record.",
-            channel.name
-        ),
-    );
+    page = residual_maps(page, &regression.axis.units, &channel, &records, with);
     if let Some(unlisted) = &outcome.unlisted {
         let column = |i: usize| unlisted.table.iter().map(|row| row[i]).collect::<Vec<f64>>();
         let figure = Figure::new(
             "Unlisted effect",
             unlisted.depends_on.replace('_', " "),
-            format!("force / {}", u.force),
+            format!("force / {}", regression.axis.units.force),
         )
         .errors(Colour::Blue, "", &column(0), &column(1), &column(2));
         page = page.figure(
@@ -246,6 +222,40 @@ pub(super) fn page(study: &Study<'_>, outcome: &Outcome) -> Page {
          deviation, by blocks.",
     );
     candidates_and_parameters(page, outcome, captions).paragraph(&channel.method)
+}
+
+/// What the residual depends on, over all rows of all records.
+fn residual_maps(
+    page: Page,
+    units: &Units,
+    channel: &Channel,
+    records: &[RecordRows],
+    with: bool,
+) -> Page {
+    let mut page = page.heading("What the residual depends on").paragraph(
+        "Mean of the residual in bins (line) and one standard deviation of the rows in a bin to \
+         either side (band). A mean away from zero is something that the model lacks.",
+    );
+    let all = |f: &dyn Fn(&RecordRows) -> &[f64]| -> Vec<f64> {
+        records.iter().flat_map(|r| f(r).iter().copied()).collect()
+    };
+    let (before, after) = (all(&|r| &r.before), all(&|r| &r.after));
+    for (what, unit, values) in [
+        ("position", units.position, all(&|r| &r.position)),
+        ("velocity", units.velocity, all(&|r| &r.velocity)),
+        ("time", "s", all(&|r| &r.time)),
+    ] {
+        let figure = banded(what, unit, channel.unit, &values, (&before, &after), with);
+        page = page.figure(&figure, &format!("Residual against {what}, all rows of all records."));
+    }
+    page.figure(
+        &spectrum(channel, records.first(), with),
+        &format!(
+            "Amplitude of the {} and of its residuals in bands of a sixth of an octave, all rows \
+             of the first record.",
+            channel.name
+        ),
+    )
 }
 
 fn record_figures(
