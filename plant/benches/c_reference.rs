@@ -138,7 +138,7 @@ fn in_batch() -> Result<(), Failure> {
     let sets: Vec<_> = (0..64)
         .map(|index| Parameters {
             slave_static_friction_nm: 1.5 + 0.02 * f64::from(index),
-            ..Parameters::traced()
+            ..Parameters::calibrated()
         })
         .collect();
     let inputs: Vec<_> = (0..STEPS).map(input).collect();
@@ -187,7 +187,7 @@ fn main() -> Result<(), Failure> {
         return Err("cc could not build c_reference.c".into());
     }
     let printed = Parameters::printed();
-    let result = beside_c("traced, 10 m", &Parameters::traced(), &program)
+    let result = beside_c("traced, 10 m", &Parameters::calibrated(), &program)
         .and_then(|()| beside_c("printed, 10 m", &printed, &program))
         .and_then(|()| beside_c("printed, 0.5 m", &printed.clone().with_hose_length(0.5), &program))
         .and_then(|()| in_batch());

@@ -18,8 +18,8 @@ fn simulate(criterion: &mut Criterion) {
     let names = ["backlash@slave", "stribeck_friction@slave", "torque_ripple", "sensor_drift"];
     let effects = names.map(|name| plant::effects::parse(name).unwrap()).to_vec();
     let cases = [
-        ("traced", Plant::new(Parameters::traced(), Vec::new()).unwrap()),
-        ("traced, four effects", Plant::new(Parameters::traced(), effects).unwrap()),
+        ("traced", Plant::new(Parameters::calibrated(), Vec::new()).unwrap()),
+        ("traced, four effects", Plant::new(Parameters::calibrated(), effects).unwrap()),
         (
             "printed, 0.5 m",
             Plant::new(Parameters::printed().with_hose_length(0.5), Vec::new()).unwrap(),

@@ -21,7 +21,7 @@
 //! use plant::transmission::Input;
 //! use plant::{hydrostatic, transmission_kinds};
 //!
-//! let axis = || transmission_kinds::Parameters::from(hydrostatic::Parameters::traced()).plant(Vec::new());
+//! let axis = || transmission_kinds::Parameters::from(hydrostatic::Parameters::calibrated()).plant(Vec::new());
 //! let mut plant = Plant::new(vec![axis()?, axis()?], &HandleCoupling::of_pairs(2, &[4e-4])?)?;
 //! let push = Input { motor_v: 8.0, hand_torque_nm: 0.0 };
 //! plant.step(&[push, Input::default()], 0.2);

@@ -8,7 +8,7 @@
 //! use plant::hydrostatic::{Input, Parameters, Plant, Transmission};
 //!
 //! let backlash = plant::effects::parse("backlash@slave=0.01")?;
-//! let mut plant = Plant::new(Parameters::traced(), vec![backlash])?;
+//! let mut plant = Plant::new(Parameters::calibrated(), vec![backlash])?;
 //! for _ in 0..2000 {
 //!     plant.step(Input { motor_v: 2.0, hand_torque_nm: 0.0 }, 0.5e-3);
 //! }

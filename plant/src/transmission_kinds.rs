@@ -7,7 +7,7 @@
 //! use plant::transmission::{Input, Transmission};
 //! use plant::{cable, transmission_kinds};
 //!
-//! let mut plant = transmission_kinds::Parameters::from(cable::Parameters::traced()).plant(Vec::new())?;
+//! let mut plant = transmission_kinds::Parameters::from(cable::Parameters::calibrated()).plant(Vec::new())?;
 //! plant.step(Input { motor_v: 5.0, hand_torque_nm: 0.0 }, 0.2);
 //! assert!(plant.motion().slave_position_rad > 0.0);
 //! # Ok::<(), plant::ParameterError>(())
@@ -50,9 +50,9 @@ macro_rules! transmissions {
             }
 
             /// Its constants as printed, the line as soft as the traced responses show it.
-            pub fn traced(self) -> Parameters {
+            pub fn calibrated(self) -> Parameters {
                 match self {
-                    $(Self::$kind => Parameters::$kind($module::Parameters::traced())),+
+                    $(Self::$kind => Parameters::$kind($module::Parameters::calibrated())),+
                 }
             }
 
@@ -227,7 +227,7 @@ mod tests {
     use crate::effects::parse;
 
     fn kinds() -> impl Iterator<Item = Parameters> {
-        Kind::ALL.iter().map(|kind| kind.traced())
+        Kind::ALL.iter().map(|kind| kind.calibrated())
     }
 
     #[test]
@@ -277,7 +277,7 @@ mod tests {
 
     #[test]
     fn leakage_acts_in_oil_lines_only() {
-        let leaking = |kind: Kind| kind.traced().plant(vec![parse("leakage").unwrap()]);
+        let leaking = |kind: Kind| kind.calibrated().plant(vec![parse("leakage").unwrap()]);
         assert!(leaking(Kind::Hydrostatic).is_ok());
         let error = leaking(Kind::Cable).unwrap_err().to_string();
         assert!(error.contains("`leakage`") && error.contains("cable transmission"), "{error}");

@@ -39,7 +39,7 @@ fn a_step_allocates_nothing() {
             all.push(plant::effects::parse(&format!("{}@{}", entry.id, place.site)).unwrap());
         }
     }
-    let mut plant = Plant::new(Parameters::traced(), all).unwrap();
+    let mut plant = Plant::new(Parameters::calibrated(), all).unwrap();
     let before = COUNT.with(Cell::get);
     assert!(before > 0, "the counter counts");
     for index in 0..2000 {
@@ -91,7 +91,7 @@ fn a_step_of_the_cable_transmission_allocates_nothing() {
             all.push(plant::effects::parse(&format!("{}@{}", entry.id, place.site)).unwrap());
         }
     }
-    let mut plant = cable::Plant::new(cable::Parameters::traced(), all).unwrap();
+    let mut plant = cable::Plant::new(cable::Parameters::calibrated(), all).unwrap();
     let before = COUNT.with(Cell::get);
     for index in 0..2000 {
         plant.step(
@@ -106,9 +106,10 @@ fn a_step_of_the_cable_transmission_allocates_nothing() {
 #[test]
 fn a_step_of_three_coupled_axes_allocates_nothing() {
     use plant::{coupled_axes, transmission_kinds};
-    let handle = Parameters::traced().slave_inertia_kg_m2();
-    let axis =
-        || transmission_kinds::Parameters::from(Parameters::traced()).plant(Vec::new()).unwrap();
+    let handle = Parameters::calibrated().slave_inertia_kg_m2();
+    let axis = || {
+        transmission_kinds::Parameters::from(Parameters::calibrated()).plant(Vec::new()).unwrap()
+    };
     let coupling =
         coupled_axes::HandleCoupling::of_pairs(3, &[0.3 * handle, -0.2 * handle, 0.2 * handle])
             .unwrap();

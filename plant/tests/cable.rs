@@ -54,7 +54,7 @@ fn held(parameters: Parameters, torque: f64) -> f64 {
 /// = 2K`: `m μ ω⁴ - k (2μ + m) ω² + k² = 0`.
 #[test]
 fn mode_against_held_master_has_the_closed_form_frequency() {
-    let parameters = linear(Parameters::traced());
+    let parameters = linear(Parameters::calibrated());
     let (radius, mass) = (parameters.slave_pulley_radius_m(), parameters.middle_mass_kg());
     let (k, mu) = (
         2.0 * parameters.line_stiffness_n_per_m(),
@@ -106,7 +106,7 @@ fn two_mass_mode() {
 
 #[test]
 fn held_slave_deflects_as_a_pair_of_springs_until_one_goes_slack() {
-    let parameters = linear(Parameters::traced());
+    let parameters = linear(Parameters::calibrated());
     let (k, radius) = (parameters.line_stiffness_n_per_m(), parameters.slave_pulley_radius_m());
     close(held(parameters.clone(), 0.5), 0.5 / (2.0 * k * radius * radius), 1e-3);
     // Beyond twice the pretension one cable is slack and the other bears all: τ/r = T_0 + K x.
@@ -178,7 +178,7 @@ fn unsaturated_friction_multiplies_along_the_line() {
             friction_position_amplitude: 0.0,
             pretension_n: pretension,
             cable_damping_n_s_per_m: 5.0,
-            ..linear(Parameters::traced())
+            ..linear(Parameters::calibrated())
         };
         let mut plant = plain(&parameters);
         for index in 1..=8000 {
@@ -201,7 +201,7 @@ fn unsaturated_friction_multiplies_along_the_line() {
 #[test]
 fn mirrored_input_gives_the_mirrored_movement() {
     let parameters =
-        Parameters { friction_asymmetry: 0.0, bedding_tension_n: 70.0, ..Parameters::traced() };
+        Parameters { friction_asymmetry: 0.0, bedding_tension_n: 70.0, ..Parameters::calibrated() };
     let (mut forward, mut backward) = (plain(&parameters), plain(&parameters));
     let mut most = 0.0_f64;
     for index in 0..4000 {
@@ -247,7 +247,7 @@ fn directions_differ_as_declared() {
 /// stopped.
 #[test]
 fn stick_never_drifts() {
-    let mut plant = plain(&Parameters::traced());
+    let mut plant = plain(&Parameters::calibrated());
     for index in 0..2000 {
         plant.step(
             Input { motor_v: if index < 400 { 4.0 } else { 0.0 }, hand_torque_nm: 0.0 },
@@ -275,7 +275,7 @@ fn stick_never_drifts() {
 #[test]
 fn cables_never_push() {
     let loose =
-        Parameters { pretension_n: 3.0, cable_damping_n_s_per_m: 20.0, ..Parameters::traced() };
+        Parameters { pretension_n: 3.0, cable_damping_n_s_per_m: 20.0, ..Parameters::calibrated() };
     let mut plant =
         Plant::new(loose, effects(&["nonlinear_stiffness@line=2", "viscoelastic_line=2"])).unwrap();
     let (mut least, mut most) = (f64::INFINITY, 0.0_f64);
@@ -298,7 +298,7 @@ fn cables_never_push() {
 #[test]
 fn an_overload_reduces_pretension() {
     let tension_after = |bedding_tension_n: f64| {
-        let parameters = Parameters { bedding_tension_n, ..linear(Parameters::traced()) };
+        let parameters = Parameters { bedding_tension_n, ..linear(Parameters::calibrated()) };
         let set = Parameters { set_ratio: 0.25, cable_damping_n_s_per_m: 60.0, ..parameters };
         let mut plant = plain(&set);
         for torque in [4.0, -4.0, 0.0] {
@@ -344,7 +344,7 @@ fn second_order_without_dry_friction() {
         motor_viscous_nm_s: 0.02,
         fibre_branch_ratio: 0.0,
         pretension_n: 40.0,
-        ..frictionless(Parameters::traced())
+        ..frictionless(Parameters::calibrated())
     };
     let errors = observed_errors(&parameters, 1.0);
     println!("{errors:?}");
@@ -355,7 +355,7 @@ fn second_order_without_dry_friction() {
 
 #[test]
 fn converges_through_stick_slip_and_rubbing() {
-    let errors = observed_errors(&Parameters::traced(), 4.0);
+    let errors = observed_errors(&Parameters::calibrated(), 4.0);
     println!("{errors:?}");
     let order = (errors[0] / errors[3]).log2() / 3.0;
     assert!(order > 1.5 && errors[0] < 3e-3, "order {order}, {errors:?}");
@@ -412,13 +412,13 @@ fn effects_change_the_line() {
     let softer = Plant::new(Parameters::printed(), effects(&["line_compliance=35"])).unwrap();
     close(
         softer.parameters().line_stiffness_n_per_m(),
-        Parameters::traced().line_stiffness_n_per_m(),
+        Parameters::calibrated().line_stiffness_n_per_m(),
         1e-9,
     );
     let damped = Plant::new(Parameters::printed(), effects(&["line_damping=20"])).unwrap();
     close(damped.parameters().cable_damping_n_s_per_m, 20.6, 1e-12);
     let mut late =
-        Plant::new(frictionless(Parameters::traced()), effects(&["transport_delay@line=0.02"]))
+        Plant::new(frictionless(Parameters::calibrated()), effects(&["transport_delay@line=0.02"]))
             .unwrap();
     for index in 1..=160 {
         late.step_imposed(ImposedMotion { position_rad: 0.5, velocity_rad_s: 0.0 }, 0.0, DT_S);

@@ -73,10 +73,13 @@ fn second_loading_is_stiffer_and_every_cycle_is_a_loop() {
 
 #[test]
 fn work_is_stored_or_lost_along_any_path() {
-    let sagging =
-        ElementLaw { sag_n2_m: 1e-4, toe_tension_n: 3.0, ..Parameters::traced().element_law(4.5) };
+    let sagging = ElementLaw {
+        sag_n2_m: 1e-4,
+        toe_tension_n: 3.0,
+        ..Parameters::calibrated().element_law(4.5)
+    };
     for (law, start) in
-        [(Parameters::traced().specimen(4.5).law().to_owned(), 0.0), (sagging, -1e-5)]
+        [(Parameters::calibrated().specimen(4.5).law().to_owned(), 0.0), (sagging, -1e-5)]
     {
         let mut element = Element::new(law);
         element.extend(start);

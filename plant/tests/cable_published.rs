@@ -96,7 +96,7 @@ fn slow_sine_torque(parameters: &Parameters) -> [f64; 2] {
 }
 
 fn hydrostatic_plateau(master_deg: f64) -> (f64, f64) {
-    let plant = hydrostatic::Plant::new(hydrostatic::Parameters::traced(), Vec::new()).unwrap();
+    let plant = hydrostatic::Plant::new(hydrostatic::Parameters::calibrated(), Vec::new()).unwrap();
     plateau(plant, master_deg.to_radians())
 }
 
@@ -107,7 +107,7 @@ fn cable_plateau(parameters: &Parameters, slave_deg: f64) -> (f64, f64) {
 
 #[test]
 fn fitted_peak_and_predicted_cutoff() {
-    let traced = Parameters::traced();
+    let traced = Parameters::calibrated();
     let (peak, gain, cutoff) = peak_and_cutoff(&traced, 17.0, 0.25, 30.0);
     println!("30 deg: peak {peak} Hz (gain {gain}), cut-off {cutoff} Hz; measured 8 and 12");
     assert!((7.75..=8.25).contains(&peak), "fitted: {peak}");
@@ -125,8 +125,9 @@ fn fitted_peak_and_predicted_cutoff() {
 /// § 5.2.3: "the phase lag is similar in both the transmissions".
 #[test]
 fn predicted_lag_is_similar_to_the_hydrostatic_line() {
-    let cable = at(&Parameters::traced(), 1.0, 30.0);
-    let mut plant = hydrostatic::Plant::new(hydrostatic::Parameters::traced(), Vec::new()).unwrap();
+    let cable = at(&Parameters::calibrated(), 1.0, 30.0);
+    let mut plant =
+        hydrostatic::Plant::new(hydrostatic::Parameters::calibrated(), Vec::new()).unwrap();
     let hydrostatic = frequency_response(&mut plant, 1.0, 30f64.to_radians());
     println!("lag {} s, gain {}; hydrostatic {} s", cable.lag_s(), cable.gain, hydrostatic.lag_s());
     close(cable.lag_s(), hydrostatic.lag_s(), 0.25);
@@ -135,8 +136,8 @@ fn predicted_lag_is_similar_to_the_hydrostatic_line() {
 /// Fig. 5.8: the slave sticks visibly longer with cables, for similar slave movements.
 #[test]
 fn predicted_plateau_is_longer_than_the_hydrostatic_line_s() {
-    let cable = cable_plateau(&Parameters::traced(), 30.0);
-    let ratio = hydrostatic::Parameters::traced().transmission_ratio();
+    let cable = cable_plateau(&Parameters::calibrated(), 30.0);
+    let ratio = hydrostatic::Parameters::calibrated().transmission_ratio();
     let same = hydrostatic_plateau(30.0 / ratio);
     let same_master = hydrostatic_plateau(30.0);
     println!(
@@ -157,7 +158,7 @@ fn slow_sine_and_the_declared_friction() {
     println!("printed: forward {forward} N m, backward {backward} N m; measured 0.5 and 0.45");
     close(forward, 0.5, 0.03);
     close(backward, 0.45, 0.03);
-    let [forward, backward] = slow_sine_torque(&Parameters::traced());
+    let [forward, backward] = slow_sine_torque(&Parameters::calibrated());
     println!("traced: forward {forward} N m, backward {backward} N m; measured 0.5 and 0.45");
     for (found, measured) in [(forward, 0.5), (backward, 0.45)] {
         assert!((0.70..0.82).contains(&(found / measured)), "{found} of {measured}");
@@ -192,7 +193,7 @@ fn printed_stiffness_belongs_to_a_shorter_piece() {
         set.line_stiffness_n_per_m() / set.cables * set.line_length_m / area_m2
     };
     close(modulus_pa(&printed), 427e9, 1e-2);
-    close(modulus_pa(&Parameters::traced()), 11.9e9, 1e-2);
+    close(modulus_pa(&Parameters::calibrated()), 11.9e9, 1e-2);
     let piece = Parameters { cable_stiffness_factor: 0.2 / 9.0, ..printed };
     close(modulus_pa(&piece), 9.5e9, 1e-2);
     let (peak, _, cutoff) = peak_and_cutoff(&piece, 15.0, 0.25, 30.0);
@@ -207,7 +208,7 @@ fn printed_stiffness_belongs_to_a_shorter_piece() {
 /// Ch. 6: what more cables would do. A prediction; nothing is measured.
 #[test]
 fn more_cables_raise_the_resonance() {
-    let traced = Parameters::traced();
+    let traced = Parameters::calibrated();
     let mut last = 0.0;
     for count in [1.0, 2.0, 4.0] {
         let tight = Parameters { cables: count, ..traced.clone() };
@@ -236,7 +237,7 @@ fn weight_is_no_cause_of_slack_and_the_ratio_multiplies_friction() {
     let weight = 1440.0 * 0.7 * 0.25 * std::f64::consts::PI * 1e-6 * 9.81;
     close(weight, 7.77e-3, 1e-2);
     let parameters = Parameters::printed();
-    for (set, halves_at) in [(Parameters::printed(), 2.47), (Parameters::traced(), 0.75)] {
+    for (set, halves_at) in [(Parameters::printed(), 2.47), (Parameters::calibrated(), 0.75)] {
         let sag = 3.0 * (set.cable_mass_kg_per_m * set.gravity_m_s2).powi(2) * 27.0 / 12.0;
         close((sag * set.line_stiffness_n_per_m()).cbrt(), halves_at, 1e-2);
     }
@@ -244,5 +245,5 @@ fn weight_is_no_cause_of_slack_and_the_ratio_multiplies_friction() {
     close(weight * 9.0 / (8.0 * parameters.pretension_n), 0.146e-3, 1e-2);
     // Friction at the slave: 0.475 N m times 6 against 0.95 N m over 0.854.
     close(0.475 * parameters.mechanical_ratio, 2.85, 1e-3);
-    close(0.95 / hydrostatic::Parameters::traced().transmission_ratio(), 1.11, 1e-2);
+    close(0.95 / hydrostatic::Parameters::calibrated().transmission_ratio(), 1.11, 1e-2);
 }

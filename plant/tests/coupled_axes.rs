@@ -11,8 +11,8 @@ use proptest::prelude::*;
 
 const DT_S: f64 = 0.5e-3;
 
-fn traced() -> hydrostatic::Parameters {
-    hydrostatic::Parameters::traced()
+fn calibrated() -> hydrostatic::Parameters {
+    hydrostatic::Parameters::calibrated()
 }
 
 fn oil(parameters: &hydrostatic::Parameters) -> transmission_kinds::Plant {
@@ -33,7 +33,7 @@ fn volts<const N: usize>(volts: [f64; N]) -> [Input; N] {
 /// says.
 #[test]
 fn a_free_handle_accelerates_as_its_inertia_matrix_says() {
-    let parameters = loose(frictionless(traced()));
+    let parameters = loose(frictionless(calibrated()));
     let own = parameters.slave_inertia_kg_m2();
     let pairs = [0.4 * own, -0.2 * own, 0.3 * own];
     let mut plant = coupled(vec![oil(&parameters), oil(&parameters), oil(&parameters)], &pairs);
@@ -60,9 +60,9 @@ fn a_free_handle_accelerates_as_its_inertia_matrix_says() {
 
 #[test]
 fn without_coupling_every_axis_moves_as_if_alone() {
-    let long = traced();
-    let short = traced().with_hose_length(2.0);
-    let other = transmission_kinds::Parameters::from(cable::Parameters::traced());
+    let long = calibrated();
+    let short = calibrated().with_hose_length(2.0);
+    let other = transmission_kinds::Parameters::from(cable::Parameters::calibrated());
     let mut alone = [oil(&long), oil(&short), other.clone().plant(Vec::new()).unwrap()];
     for pairs in [&[][..], &[0.0, 0.0, 0.0]] {
         let mut plant = coupled(alone.to_vec(), pairs);
@@ -86,8 +86,8 @@ fn without_coupling_every_axis_moves_as_if_alone() {
 /// The path of the coupled handle at a coupling of next to nothing is that of the independent axes.
 #[test]
 fn a_coupling_that_vanishes_changes_nothing() {
-    let mut together = coupled(vec![oil(&traced()), oil(&traced())], &[1e-15]);
-    let mut alone = coupled(vec![oil(&traced()), oil(&traced())], &[]);
+    let mut together = coupled(vec![oil(&calibrated()), oil(&calibrated())], &[1e-15]);
+    let mut alone = coupled(vec![oil(&calibrated()), oil(&calibrated())], &[]);
     for index in 0..2000 {
         let phase = f64::from(index) * 0.01;
         let inputs = volts([6.0 * phase.sin(), 3.0 * (2.0 * phase).sin()]);
@@ -103,7 +103,7 @@ fn a_coupling_that_vanishes_changes_nothing() {
 #[test]
 fn mirrored_inputs_give_the_mirrored_movement_and_axes_may_be_swapped() {
     let run = |sign: f64, swapped: bool| {
-        let mut plant = coupled(vec![oil(&traced()), oil(&traced())], &[9e-4]);
+        let mut plant = coupled(vec![oil(&calibrated()), oil(&calibrated())], &[9e-4]);
         for index in 0..1500 {
             let phase = f64::from(index) * 0.01;
             let mut inputs = volts([sign * 6.0 * phase.sin(), sign * 2.5 * phase.cos()]);
@@ -126,7 +126,7 @@ fn mirrored_inputs_give_the_mirrored_movement_and_axes_may_be_swapped() {
 /// when the other's inertial torque is too much for it.
 #[test]
 fn stick_is_exact_on_every_axis() {
-    let strong = hydrostatic::Parameters { slave_static_friction_nm: 2.3, ..traced() };
+    let strong = hydrostatic::Parameters { slave_static_friction_nm: 2.3, ..calibrated() };
     let run = |coupling: f64| {
         let mut plant = coupled(vec![oil(&strong), oil(&strong)], &[coupling]);
         let mut moved = false;
@@ -147,7 +147,7 @@ fn stick_is_exact_on_every_axis() {
 
 #[test]
 fn second_order_convergence_of_coupled_axes() {
-    let parameters = frictionless(traced());
+    let parameters = frictionless(calibrated());
     let own = parameters.slave_inertia_kg_m2();
     let path = |step: f64| {
         let mut plant = coupled(
@@ -182,7 +182,7 @@ fn second_order_convergence_of_coupled_axes() {
 /// stiffness is the lines', the inertia `I ± C`.
 #[test]
 fn sum_and_difference_of_two_equal_axes_move_as_single_axes_of_other_inertia() {
-    let parameters = frictionless(traced());
+    let parameters = frictionless(calibrated());
     let shared = 8e-4;
     let mut plant = coupled(vec![oil(&parameters), oil(&parameters)], &[shared]);
     for (sign, inertia) in [(1.0, shared), (-1.0, -shared)] {
@@ -204,8 +204,8 @@ fn sum_and_difference_of_two_equal_axes_move_as_single_axes_of_other_inertia() {
 
 #[test]
 fn invalid_couplings_are_refused() {
-    let own = traced().slave_inertia_kg_m2();
-    let axes = || vec![oil(&traced()), oil(&traced())];
+    let own = calibrated().slave_inertia_kg_m2();
+    let axes = || vec![oil(&calibrated()), oil(&calibrated())];
     let refusal = |axes: Vec<transmission_kinds::Plant>, pairs: &[f64]| {
         HandleCoupling::of_pairs(axes.len(), pairs)
             .and_then(|coupling| Plant::new(axes, &coupling))
@@ -224,16 +224,16 @@ fn invalid_couplings_are_refused() {
     assert_eq!(refusal(Vec::new(), &[]), CouplingError::Axes { found: 0 });
     assert_eq!(refusal([axes(), axes()].concat(), &[]), CouplingError::Axes { found: 4 });
     // Each pair may be as strong, and all together too strong.
-    let three = || vec![oil(&traced()), oil(&traced()), oil(&traced())];
+    let three = || vec![oil(&calibrated()), oil(&calibrated()), oil(&calibrated())];
     assert!(matches!(refusal(three(), &[-0.5 * own; 3]), CouplingError::TooStrong { .. }));
     assert!(Plant::new(three(), &HandleCoupling::of_pairs(3, &[0.5 * own; 3]).unwrap()).is_ok());
     // Inertia that an effect adds to the slave makes room for more.
-    let heavier = transmission_kinds::Parameters::from(traced())
+    let heavier = transmission_kinds::Parameters::from(calibrated())
         .plant(effects(&["extra_inertia@slave=0.01"]))
         .unwrap();
     assert!(
         Plant::new(
-            vec![heavier, oil(&traced())],
+            vec![heavier, oil(&calibrated())],
             &HandleCoupling::of_pairs(2, &[0.9 * own]).unwrap()
         )
         .is_ok()
@@ -258,7 +258,7 @@ proptest! {
             slave_static_friction_nm: friction,
             slave_kinetic_friction_nm: (friction - 1.2).max(0.0),
             motor_coulomb_nm: motor_friction,
-            ..traced()
+            ..calibrated()
         };
         let inertia = frictions.map(|friction| axis(friction).slave_inertia_kg_m2());
         let scaled = pairs.map(|pair| pair * inertia[0]);
@@ -298,8 +298,8 @@ proptest! {
         motor_v in prop::array::uniform2(-5.0_f64..5.0),
         sign in prop::bool::ANY,
     ) {
-        let coupling = if sign { 0.8 } else { -0.8 } * traced().slave_inertia_kg_m2() * 0.999;
-        let mut plant = coupled(vec![oil(&traced()), oil(&traced())], &[coupling]);
+        let coupling = if sign { 0.8 } else { -0.8 } * calibrated().slave_inertia_kg_m2() * 0.999;
+        let mut plant = coupled(vec![oil(&calibrated()), oil(&calibrated())], &[coupling]);
         for _ in 0..600 {
             plant.step(&volts(motor_v), DT_S);
         }

@@ -17,7 +17,7 @@ fn hand(torque: f64) -> Input {
 /// rest.
 fn held(names: &[&str], torque: f64) -> f64 {
     let parameters =
-        Parameters { port_damping_n_s_per_m: 100.0, ..frictionless(Parameters::traced()) };
+        Parameters { port_damping_n_s_per_m: 100.0, ..frictionless(Parameters::calibrated()) };
     settle(plant(parameters, names), torque, 4000)
 }
 
@@ -64,7 +64,7 @@ fn slave_inertia() -> f64 {
 
 /// Both springs of both lines in series and parallel: `2 K a²`.
 fn held_stiffness() -> f64 {
-    let traced = Parameters::traced();
+    let traced = Parameters::calibrated();
     2.0 * traced.line_stiffness_n_per_m() * traced.slave_displacement_m_per_rad().powi(2)
 }
 
@@ -80,7 +80,7 @@ fn line_compliance() {
     traced.step(volts(1.0), DT_S);
     close(
         traced.parameters().line_stiffness_n_per_m(),
-        Parameters::traced().line_stiffness_n_per_m(),
+        Parameters::calibrated().line_stiffness_n_per_m(),
         1e-9,
     );
 }
@@ -89,8 +89,8 @@ fn line_compliance() {
 fn nonlinear_stiffness() {
     // At 20 N·(1 + c) per line the deflection is the reference, per end; the line has two ends, the
     // slave one.
-    let a = Parameters::traced().slave_displacement_m_per_rad();
-    let reference = 20.0 / (2.0 * Parameters::traced().line_stiffness_n_per_m());
+    let a = Parameters::calibrated().slave_displacement_m_per_rad();
+    let reference = 20.0 / (2.0 * Parameters::calibrated().line_stiffness_n_per_m());
     let torque = 2.0 * a * 20.0 * 1.5;
     close(held(&["nonlinear_stiffness@line=0.5"], torque), 2.0 * reference / a, 1e-3);
     close(held(&["nonlinear_stiffness@slave=0.5"], torque), (1.0 + 1.5) * reference / a, 1e-3);
@@ -100,7 +100,7 @@ fn nonlinear_stiffness() {
     even.set("even", 0.5).unwrap();
     let at = |torque: f64| {
         let parameters =
-            Parameters { port_damping_n_s_per_m: 100.0, ..frictionless(Parameters::traced()) };
+            Parameters { port_damping_n_s_per_m: 100.0, ..frictionless(Parameters::calibrated()) };
         settle(Plant::new(parameters, vec![even.clone()]).unwrap(), torque, 4000)
     };
     assert!((at(1.0) + at(-1.0)).abs() > 0.1 * at(1.0).abs());
@@ -112,7 +112,7 @@ fn viscoelastic_line() {
         let mut effect = effects::parse("viscoelastic_line=0.5").unwrap();
         effect.set("relaxation_s", relaxation).unwrap();
         let parameters =
-            Parameters { port_damping_n_s_per_m: 100.0, ..frictionless(Parameters::traced()) };
+            Parameters { port_damping_n_s_per_m: 100.0, ..frictionless(Parameters::calibrated()) };
         settle(Plant::new(parameters, vec![effect]).unwrap(), 1.0, 2000)
     };
     // Long relaxation: stiffer by half. Short: as declared.
@@ -123,7 +123,7 @@ fn viscoelastic_line() {
 #[test]
 fn leakage() {
     let parameters =
-        Parameters { port_damping_n_s_per_m: 100.0, ..frictionless(Parameters::traced()) };
+        Parameters { port_damping_n_s_per_m: 100.0, ..frictionless(Parameters::calibrated()) };
     let (a, area) = (parameters.slave_displacement_m_per_rad(), parameters.hose_area_m2);
     let mut plant = plant(parameters, &["leakage=1e-12"]);
     let torque = 1.0;
@@ -142,8 +142,8 @@ fn leakage() {
 
 #[test]
 fn backlash() {
-    let a = Parameters::traced().slave_displacement_m_per_rad();
-    let am = Parameters::traced().master_displacement_m_per_rad();
+    let a = Parameters::calibrated().slave_displacement_m_per_rad();
+    let am = Parameters::calibrated().master_displacement_m_per_rad();
     for (name, play) in [
         ("backlash@slave=0.02", 0.02),
         ("backlash@line=0.001", 1e-3 / a),
@@ -159,8 +159,10 @@ fn line_damping() {
     // Free swing of the slave against the held master: the mode's decay is the sum of fluid's and
     // ports'.
     let rate = |damping: f64, names: &[&str]| {
-        let parameters =
-            Parameters { port_damping_n_s_per_m: damping, ..frictionless(Parameters::traced()) };
+        let parameters = Parameters {
+            port_damping_n_s_per_m: damping,
+            ..frictionless(Parameters::calibrated())
+        };
         let a = parameters.slave_displacement_m_per_rad();
         let mut plant = plant(parameters, names);
         plant.set_state(State {
@@ -236,7 +238,7 @@ fn position_dependent_friction() {
 fn load_dependent_friction() {
     // The line winds up until it overcomes 2.3 N·m and a tenth of itself.
     let wound = |names: &[&str]| {
-        let mut plant = plant(Parameters::traced(), names);
+        let mut plant = plant(Parameters::calibrated(), names);
         for index in 1..20_000 {
             let position = f64::from(index) * 1e-5;
             let before = plant.state().transmitted_torque_nm;

@@ -11,7 +11,7 @@ use proptest::prelude::*;
 const STEP_S: f64 = 5e-4;
 
 fn kinds() -> [Parameters; 2] {
-    [hydrostatic::Parameters::traced().into(), cable::Parameters::traced().into()]
+    [hydrostatic::Parameters::calibrated().into(), cable::Parameters::calibrated().into()]
 }
 
 fn stopped(parameters: Parameters, lower: f64, upper: f64) -> Plant {

@@ -132,7 +132,7 @@ fn stick_holds_exactly_and_releases() {
 /// An alternating torque below breakaway neither creeps nor chatters, wherever the slave stopped.
 #[test]
 fn stick_does_not_creep_under_alternating_torque() {
-    let mut plant = Plant::new(Parameters::traced(), Vec::new()).unwrap();
+    let mut plant = Plant::new(Parameters::calibrated(), Vec::new()).unwrap();
     for index in 0..2000 {
         let volts = if index < 600 { 2.5 } else { 0.0 };
         plant.step(Input { motor_v: volts, hand_torque_nm: 0.0 }, DT_S);
@@ -154,7 +154,7 @@ fn stick_does_not_creep_under_alternating_torque() {
 /// A slow movement through stick-slip reverses as often as the drive does, not with every step.
 #[test]
 fn slow_movement_does_not_chatter() {
-    let mut plant = Plant::new(Parameters::traced(), Vec::new()).unwrap();
+    let mut plant = Plant::new(Parameters::calibrated(), Vec::new()).unwrap();
     let (mut sign, mut reversals) = (0.0, 0);
     for index in 1..=40_000 {
         let angle = std::f64::consts::TAU * 0.1 * f64::from(index) * DT_S;
@@ -192,7 +192,7 @@ fn second_order_without_dry_friction() {
     let parameters = Parameters {
         port_damping_n_s_per_m: 20.0,
         motor_viscous_nm_s: 0.05,
-        ..frictionless(Parameters::traced())
+        ..frictionless(Parameters::calibrated())
     };
     let errors = observed_errors(&parameters, 1.0);
     println!("{errors:?}");
@@ -204,7 +204,7 @@ fn second_order_without_dry_friction() {
 
 #[test]
 fn converges_through_stick_slip() {
-    let errors = observed_errors(&Parameters::traced(), 3.0);
+    let errors = observed_errors(&Parameters::calibrated(), 3.0);
     println!("{errors:?}");
     let order = (errors[0] / errors[3]).log2() / 3.0;
     assert!(order > 1.5 && errors[0] < 1e-3, "order {order}, {errors:?}");
@@ -212,8 +212,8 @@ fn converges_through_stick_slip() {
 
 #[test]
 fn mirrored_input_gives_the_mirrored_movement() {
-    let mut forward = plant(Parameters::traced(), &[]);
-    let mut backward = plant(Parameters::traced(), &[]);
+    let mut forward = plant(Parameters::calibrated(), &[]);
+    let mut backward = plant(Parameters::calibrated(), &[]);
     for index in 0..4000 {
         let time = f64::from(index) * DT_S;
         let (volts, hand) = (3.0 * (9.0 * time).sin(), (4.0 * time).cos());
@@ -234,7 +234,7 @@ fn mirrored_input_gives_the_mirrored_movement() {
 fn stable_over_the_range_of_hoses() {
     for length in [0.5, 1.0, 5.0, 10.0, 20.0] {
         for diameter in [0.003, 0.005, 0.009, 0.015, 0.020] {
-            for base in [Parameters::printed(), Parameters::traced()] {
+            for base in [Parameters::printed(), Parameters::calibrated()] {
                 let parameters = base.with_hose_length(length).with_hose_diameter(diameter);
                 let run = |dt: f64| {
                     let mut plant = Plant::new(parameters.clone(), Vec::new()).unwrap();
@@ -283,7 +283,8 @@ fn a_long_step_is_divided() {
 #[test]
 fn smoothed_friction_tends_to_the_exact_one() {
     let run = |smoothing: f64| {
-        let parameters = Parameters { friction_smoothing_rad_s: smoothing, ..Parameters::traced() };
+        let parameters =
+            Parameters { friction_smoothing_rad_s: smoothing, ..Parameters::calibrated() };
         let mut plant = Plant::new(parameters, Vec::new()).unwrap();
         let mut most = 0.0_f64;
         for index in 0..2000 {
@@ -304,8 +305,8 @@ fn smoothed_friction_tends_to_the_exact_one() {
 /// one is.
 #[test]
 fn corrections_lead_one_plant_to_another() {
-    let mut truth = plant(Parameters::traced(), &[]);
-    let mut model = plant(Parameters::traced(), &[]);
+    let mut truth = plant(Parameters::calibrated(), &[]);
+    let mut model = plant(Parameters::calibrated(), &[]);
     model.set_state(State {
         master_position_rad: 0.2,
         slave_position_rad: -0.1,

@@ -34,7 +34,7 @@ fn printed_constants_cannot_give_the_printed_results() {
 
 #[test]
 fn traced_line_gives_the_measured_response() {
-    let traced = Parameters::traced();
+    let traced = Parameters::calibrated();
     let (peak, cutoff) = peak_and_cutoff_hz(&traced, 6.0, 16.0, 0.25);
     println!("peak {peak} Hz, cut-off {cutoff} Hz");
     assert!((7.5..=8.5).contains(&peak), "peak {peak} Hz, measured 8");
@@ -46,7 +46,7 @@ fn traced_line_gives_the_measured_response() {
 
 #[test]
 fn traced_line_of_one_metre_gives_the_short_hose() {
-    let short = Parameters::traced().with_hose_length(1.0);
+    let short = Parameters::calibrated().with_hose_length(1.0);
     let (peak, cutoff) = peak_and_cutoff_hz(&short, 40.0, 82.0, 1.0);
     println!("peak {peak} Hz, cut-off {cutoff} Hz");
     assert!((43.0..=49.5).contains(&peak), "peak {peak} Hz, eq. 3.3.2 has 49.2");
@@ -57,7 +57,7 @@ fn traced_line_of_one_metre_gives_the_short_hose() {
 /// friction, less lag.
 #[test]
 fn lag_depends_on_amplitude_and_friction() {
-    let traced = Parameters::traced();
+    let traced = Parameters::calibrated();
     let lags = [20.0, 30.0, 40.0].map(|amplitude| at(&traced, 1.0, amplitude).lag_s());
     assert!(lags[0] > 1.3 * lags[1] && lags[1] > 1.15 * lags[2], "{lags:?}");
     let slippery = Parameters {

@@ -85,8 +85,8 @@ fn growth_is_that_of_the_plant_itself() {
     // Stable and unstable, soft line and stiff: the poles say what the simulation without friction
     // does.
     for (parameters, raised) in [
-        (hydrostatic::Parameters::traced(), 1.0),
-        (hydrostatic::Parameters::traced(), 3.0),
+        (hydrostatic::Parameters::calibrated(), 1.0),
+        (hydrostatic::Parameters::calibrated(), 3.0),
         (hydrostatic::Parameters::printed(), 1.0),
         (hydrostatic::Parameters::printed(), 0.5),
     ] {
@@ -112,7 +112,7 @@ fn growth_is_that_of_the_plant_itself() {
 fn raised_gains_are_gains_raised() {
     let at = |law, raised| {
         growth(
-            &[axis(hydrostatic::Parameters::traced(), 500.0, law)],
+            &[axis(hydrostatic::Parameters::calibrated(), 500.0, law)],
             &Field::default(),
             &NONE,
             raised,
@@ -123,7 +123,7 @@ fn raised_gains_are_gains_raised() {
 
 #[test]
 fn a_free_handle_is_marginal_and_nan_never_passes() {
-    let free = axis(hydrostatic::Parameters::traced(), 500.0, force(500.0));
+    let free = axis(hydrostatic::Parameters::calibrated(), 500.0, force(500.0));
     let still = growth(&[free], &Field::default(), &NONE, 1.0);
     assert!(still.abs() < 1e-3, "{still}");
     assert!(check(&[free], &Field::default()).is_ok());
@@ -152,7 +152,7 @@ fn equal_delays_give_equal_growth_at_both_rates() {
         for hand in HANDS {
             let [slow, fast, faster] = [500.0, 1000.0, 2000.0].map(|hz| {
                 growth(
-                    &[axis(hydrostatic::Parameters::traced(), hz, force(hz))],
+                    &[axis(hydrostatic::Parameters::calibrated(), hz, force(hz))],
                     &field,
                     &hand,
                     1.0,
@@ -169,14 +169,14 @@ fn equal_delays_give_equal_growth_at_both_rates() {
 #[test]
 fn the_printed_gains_are_stable_on_the_traced_line_and_not_on_the_printed_one() {
     let verdict = |parameters| check(&[axis(parameters, 500.0, position(1.0))], &Field::default());
-    assert_eq!(verdict(hydrostatic::Parameters::traced()), Ok(()));
+    assert_eq!(verdict(hydrostatic::Parameters::calibrated()), Ok(()));
     let unstable = verdict(hydrostatic::Parameters::printed()).unwrap_err();
     assert!(unstable.raised == 1.0 && unstable.growth > 5.0, "{unstable:?}");
 }
 
 #[test]
 fn two_uncoupled_axes_are_as_stable_as_one_and_a_curl_field_couples_them() {
-    let one = axis(hydrostatic::Parameters::traced(), 500.0, force(500.0));
+    let one = axis(hydrostatic::Parameters::calibrated(), 500.0, force(500.0));
     for hand in HANDS {
         let single = growth(&[one], &Field::of_one(2.0, 0.1, 0.001), &hand, 1.0);
         let mut both = Field::default();

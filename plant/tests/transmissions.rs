@@ -10,7 +10,7 @@ use plant::transmission::{Correction, Input, Reading, Transmission};
 use plant::transmission_kinds::{Kind, Plant};
 
 fn traced(kind: Kind, names: &[&str]) -> Plant {
-    kind.traced().plant(effects(names)).unwrap()
+    kind.calibrated().plant(effects(names)).unwrap()
 }
 
 /// A movement through stick and slip by motor and hand; the reading after each step.
@@ -43,7 +43,7 @@ fn every_effect_changes_the_output_at_each_of_its_sites() {
             for place in entry.sites {
                 let name = format!("{}@{}", entry.id, place.site);
                 let what = format!("{name} in a {} transmission", kind.name());
-                let plant = match kind.traced().plant(effects(&[&name])) {
+                let plant = match kind.calibrated().plant(effects(&[&name])) {
                     Ok(plant) => plant,
                     Err(ParameterError::EffectNotApplicable { id, .. }) => {
                         assert_eq!((id, entry.id), ("leakage", "leakage"), "{what}");

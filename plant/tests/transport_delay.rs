@@ -39,7 +39,7 @@ fn transport_delay_of_drive_and_sensor() {
 /// energy of its own.
 #[test]
 fn transport_delay_of_line() {
-    let mut late = plant(frictionless(Parameters::traced()), &["transport_delay@line=0.02"]);
+    let mut late = plant(frictionless(Parameters::calibrated()), &["transport_delay@line=0.02"]);
     for index in 1..=4000 {
         late.step_imposed(ImposedMotion { position_rad: 0.1, velocity_rad_s: 0.0 }, 0.0, DT_S);
         let moved = late.state().slave_position_rad.abs();
@@ -50,14 +50,14 @@ fn transport_delay_of_line() {
         }
         assert!(moved < 1.0, "grows: {moved}");
     }
-    let mut damped = plant(Parameters::traced(), &["transport_delay@line=0.02"]);
+    let mut damped = plant(Parameters::calibrated(), &["transport_delay@line=0.02"]);
     for _ in 0..4000 {
         damped.step_imposed(ImposedMotion { position_rad: 1.0, velocity_rad_s: 0.0 }, 0.0, DT_S);
     }
     let rest = *damped.state();
     assert_eq!(rest.slave_velocity_rad_s, 0.0);
     assert!(
-        (rest.slave_position_rad - Parameters::traced().transmission_ratio()).abs() < 0.2,
+        (rest.slave_position_rad - Parameters::calibrated().transmission_ratio()).abs() < 0.2,
         "{rest:?}"
     );
 }
@@ -81,7 +81,8 @@ fn transport_delay_of_line_is_stable_with_strong_damping() {
 #[test]
 fn transport_delay_of_line_creates_no_energy() {
     for delay_ms in [0.3, 0.5, 1.0, 2.0, 5.0, 7.0, 20.0] {
-        for parameters in [frictionless(Parameters::printed()), frictionless(Parameters::traced())]
+        for parameters in
+            [frictionless(Parameters::printed()), frictionless(Parameters::calibrated())]
         {
             let name = format!("transport_delay@line={}", delay_ms * 1e-3);
             let mut late = plant(parameters, &[&name]);

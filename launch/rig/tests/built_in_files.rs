@@ -70,7 +70,7 @@ fn the_cable_rig_is_the_test_bed_of_chapter_5() {
     assert!((axis.master.position(6 * 20_000) - std::f64::consts::TAU).abs() < 1e-12);
     assert!((axis.slave.unwrap().position(20_000) - std::f64::consts::TAU).abs() < 1e-12);
     let declared = rig.model.transmission("").unwrap();
-    let traced = plant::cable::Parameters::traced();
+    let traced = plant::cable::Parameters::calibrated();
     for info in plant::cable::Parameters::NAMES {
         let parameter = rig
             .model
@@ -139,7 +139,7 @@ fn declared_parameters_reach_the_model() {
     let traced = shipped("hydrostatic.toml").model.transmission("").unwrap();
     let printed = shipped("hydrostatic-printed.toml").model.transmission("").unwrap();
     assert_eq!(printed, Kind::Hydrostatic.printed());
-    let reference = plant::hydrostatic::Parameters::traced().line_stiffness_factor;
+    let reference = plant::hydrostatic::Parameters::calibrated().line_stiffness_factor;
     let declared = traced.get("line_stiffness_factor").unwrap();
     assert!((declared / reference - 1.0).abs() < 1e-6);
 

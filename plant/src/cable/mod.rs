@@ -23,7 +23,7 @@
 //! ```
 //! use plant::cable::{Input, Parameters, Plant, Transmission};
 //!
-//! let mut plant = Plant::new(Parameters { cables: 2.0, ..Parameters::traced() }, Vec::new())?;
+//! let mut plant = Plant::new(Parameters { cables: 2.0, ..Parameters::calibrated() }, Vec::new())?;
 //! plant.step(Input { motor_v: 5.0, hand_torque_nm: 0.0 }, 0.1);
 //! assert!(plant.state().slave_position_rad > 0.0);
 //! // Fig. 5.4: 20 cm of the cable on a testing machine; the second loading is the stiffer one.

@@ -107,7 +107,7 @@ impl Parameters {
 
     /// As printed, but the cables softer, so that the response peaks at the measured 8 Hz (§
     /// 5.2.3).
-    pub fn traced() -> Self {
+    pub fn calibrated() -> Self {
         Self { cable_stiffness_factor: TRACED_STIFFNESS_FACTOR, ..Self::default() }
     }
 

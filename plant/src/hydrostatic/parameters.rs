@@ -113,7 +113,7 @@ impl Parameters {
 
     /// As printed, but the line about 14 times softer: gives the frequency response measured on the
     /// rig (§ 5.2.3).
-    pub fn traced() -> Self {
+    pub fn calibrated() -> Self {
         Self { line_stiffness_factor: TRACED_STIFFNESS_FACTOR, ..Self::default() }
     }
 

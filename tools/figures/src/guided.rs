@@ -264,7 +264,7 @@ const MEASURES: [Measure; 4] = [
 
 /// The tables on the page.
 pub fn on_page(page: Page, study: &Guided) -> Page {
-    let own = Parameters::traced();
+    let own = Parameters::calibrated();
     let ratio = own.master_displacement_m_per_rad() / own.slave_displacement_m_per_rad();
     let mut page = page.heading("Guided movement under each law of position \
         control").paragraph(&format!(

@@ -25,7 +25,7 @@ fn value(id: &'static str) -> f64 {
     published(id).unwrap().value
 }
 
-/// The softening of `Parameters::traced()`, for tests that need a soft line but no fit.
+/// The softening of `Parameters::calibrated()`, for tests that need a soft line but no fit.
 fn soft() -> Line {
     Line::printed().softened(1.0 / 14.0)
 }

@@ -79,7 +79,7 @@ pub fn extension(_: &Common) -> Result<Plot> {
         (figure, slope.1)
     };
     let (printed, printed_slope) = panel("Printed stiffness", &Parameters::printed());
-    let (traced, traced_slope) = panel("Traced stiffness", &Parameters::traced());
+    let (traced, traced_slope) = panel("Traced stiffness", &Parameters::calibrated());
     let slopes = [Some(printed_slope), Some(traced_slope)];
     let rows = vec![Row::beside("cable.stiffness_n_per_m", Role::Input, slopes)?.note(
         "slope of a straight line through 0.02 to 1.0 mm of a cable that has been loaded before",
@@ -115,10 +115,12 @@ const LOOP_FORCE_N: f64 = 100.0;
 pub fn loops(_: &Common) -> Result<Plot> {
     let mut panels = Panels::new("Fig. 5.4, two loading cycles");
     let mut ratios = [0.0; 2];
-    for (index, (title, parameters)) in
-        [("Printed stiffness", Parameters::printed()), ("Traced stiffness", Parameters::traced())]
-            .into_iter()
-            .enumerate()
+    for (index, (title, parameters)) in [
+        ("Printed stiffness", Parameters::printed()),
+        ("Traced stiffness", Parameters::calibrated()),
+    ]
+    .into_iter()
+    .enumerate()
     {
         let mut element = parameters.specimen(0.2);
         // Small against the extension at the largest force, so that the turns lie there.
@@ -168,7 +170,7 @@ pub fn loops(_: &Common) -> Result<Plot> {
 /// Where a constant is out of range.
 pub fn static_friction(common: &Common) -> Result<Plot> {
     let hydrostatic = quasi_static_cycle(&common.calibration.line)?;
-    let traced = quasi_static_cycle(&Cable::new(Parameters::traced()))?;
+    let traced = quasi_static_cycle(&Cable::new(Parameters::calibrated()))?;
     let printed = quasi_static_cycle(&Cable::new(Parameters::printed()))?;
     let panel = |title: &str, slow: &QuasiStaticCycle| {
         let (x_label, y_label) = ("slave position / °", "motor torque / (N·m)");
@@ -236,7 +238,8 @@ pub fn response() -> Result<([Figure; 2], Vec<Row>)> {
     // As printed, the cable takes steps so small that the slowest are left out; its gain is flat
     // there.
     let few = logarithmic(0.5, CLOSE_HZ.1, 28);
-    let (printed, traced) = (Cable::new(Parameters::printed()), Cable::new(Parameters::traced()));
+    let (printed, traced) =
+        (Cable::new(Parameters::printed()), Cable::new(Parameters::calibrated()));
     let curves = [
         Curve::simulated("printed constants", Vermillion, &sweep(&printed, &few)?),
         Curve::simulated("traced cable", Blue, &sweep(&traced, &frequencies)?),
@@ -281,12 +284,12 @@ pub fn response() -> Result<([Figure; 2], Vec<Row>)> {
 /// Where a constant is out of range.
 pub fn movement(common: &Common) -> Result<Plot> {
     let hydrostatic = cycle(&common.calibration.line, 1.0)?;
-    let cable = cycle(&Cable::new(Parameters::traced()), 1.0)?;
+    let cable = cycle(&Cable::new(Parameters::calibrated()), 1.0)?;
     let printed = [
         cycle(&crate::simulated_line::Line::printed(), 1.0)?.flat_top_s(),
         cycle(&Cable::new(Parameters::printed()), 1.0)?.flat_top_s(),
     ];
-    let ratio = Parameters::traced().mechanical_ratio;
+    let ratio = Parameters::calibrated().mechanical_ratio;
     let panels = Panels::new("Fig. 5.8, both transmissions at 1 Hz")
         .panel(over_cycle("A  Hydrostatic line, traced", &hydrostatic, ("master", 1.0)))
         .panel(over_cycle("B  Cable, traced", &cable, ("master / 6", ratio)));
