@@ -11,7 +11,8 @@
 //! ```
 //!
 //! - [`published`] is the table of published values, [`table_row`] one line of the comparison;
-//! - [`simulated_line`] is the simulated line, [`simulated_response`] finds its peak, cut-off or cycle;
+//! - [`simulated_line`] is the simulated line, [`simulated_response`] finds its peak, cut-off or
+//!   cycle;
 //! - [`calibration`] fits one softening to one measured number and predicts everything else, over
 //!   all that the thesis leaves open, and compares it with alternative explanations;
 //! - [`guided`] compares the laws of position control on the lock-step rig (§ 4.1);

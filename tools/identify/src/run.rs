@@ -71,7 +71,7 @@ pub fn run(args: Args) -> anyhow::Result<i32> {
             .footer(concat!("farreach identify ", env!("CARGO_PKG_VERSION")));
         match page.write(&path) {
             Ok(()) => told.push(format!("page: {}", path.display())),
-            Err(error) => failed = Some(error.into()),
+            Err(error) => failed = Some(error),
         }
     }
     if let Some(path) = &args.propose_experiment {

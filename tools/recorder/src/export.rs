@@ -13,6 +13,9 @@ use crate::cat::{is_text, text_of};
 use crate::output::Output;
 use crate::{DATA_LOST, ExportFormat, LengthUnit, exit_code_of_tail};
 
+/// Writes a table whose source was found readable.
+type WriteTable<'a> = Box<dyn FnOnce(&mut dyn Write) -> anyhow::Result<()> + 'a>;
+
 pub(crate) fn export(
     file: &Path,
     format: ExportFormat,
@@ -25,7 +28,7 @@ pub(crate) fn export(
     let recording = Recording::open(file)?;
     let ExportFormat::Csv = format;
     let mut code = exit_code_of_tail(&recording);
-    let write: Box<dyn FnOnce(&mut dyn Write) -> anyhow::Result<()>> = match topic {
+    let write: WriteTable<'_> = match topic {
         Some(topic) => {
             let channels = recording.channels_of(topic)?;
             Box::new(|output| whole_topic(&recording, topic, channels, output))
