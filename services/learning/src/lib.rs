@@ -144,8 +144,8 @@ pub enum BlockOutcome {
 pub struct BlockReport {
     /// Its number, from 1.
     pub block: usize,
-    /// Mean absolute error of the slave's position over the whole block (rad or m), as in fig. 4.6B;
-    /// `None` without a measurement.
+    /// Mean absolute error of the slave's position over the whole block (rad or m), as in
+    /// fig. 4.6B; `None` without a measurement.
     pub error: Option<f64>,
     /// The same over its settled cycles.
     pub settled: Option<f64>,
