@@ -126,8 +126,8 @@ fn assert_damage_is_refused(rig: &TestRig, reference: &Path, again: &Path) {
 
 #[test]
 fn learning_survives_a_restart_and_its_reference_is_saved() {
-    // A learning run is long: on a busy host the shorter timeouts of the real-time profile would end
-    // it.
+    // A learning run is long: on a busy host the shorter timeouts of the real-time profile would
+    // end it.
     let rig = TestRig::patient("learning");
     let (learnt, file) = (rig.path("learnt"), rig.path("run.mcap"));
     let up = rig

@@ -47,8 +47,8 @@ impl Bench {
         self.status().is_some_and(|status| status.running)
     }
 
-    /// Starts a client whose protocol moves the handle. Where the rig has no power, or a loaded host
-    /// trips it, rightly, it is powered and the start repeated.
+    /// Starts a client whose protocol moves the handle. Where the rig has no power, or a loaded
+    /// host trips it, rightly, it is powered and the start repeated.
     fn client(&self) -> Child {
         for attempt in 0..20 {
             if attempt > 0 {

@@ -30,8 +30,7 @@ pub use policy::{Policy, START_LIMIT};
 
 use crate::status::UnitState;
 
-/// Shortest pause before a restart (`RestartSec=`). The card's FIFO holds 256 ms: with acquisition
-/// back within about 150 ms of a crash, nothing is lost.
+/// Shortest pause before a restart (`RestartSec=`), well below the span of the card's FIFO.
 pub const RESTART_DELAY: Duration = Duration::from_millis(50);
 /// Window in which starts are counted (`StartLimitIntervalSec=`).
 pub const START_LIMIT_INTERVAL: Duration = Duration::from_secs(20);
@@ -473,9 +472,9 @@ impl Lifecycle {
         let limited = slot.starts.len() >= policy.start_limit as usize;
         if limited {
             let last = slot.reason.take().unwrap_or_default();
+            let starts = policy.start_limit;
             slot.reason = Some(format!(
-                "started {} times within {START_LIMIT_INTERVAL:?}, which is the limit; last: {last}",
-                policy.start_limit
+                "started {starts} times within {START_LIMIT_INTERVAL:?}, the limit; last: {last}"
             ));
         }
         if limited || (bring_up && slot.failed_starts >= START_ATTEMPTS) {

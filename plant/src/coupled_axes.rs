@@ -19,9 +19,9 @@
 //! ```
 //! use plant::coupled_axes::{HandleCoupling, Plant};
 //! use plant::transmission::Input;
-//! use plant::{hydrostatic, transmission_kinds};
+//! use plant::transmission_kinds;
 //!
-//! let axis = || transmission_kinds::Parameters::from(hydrostatic::Parameters::calibrated()).plant(Vec::new());
+//! let axis = || transmission_kinds::Kind::Hydrostatic.calibrated().plant(Vec::new());
 //! let mut plant = Plant::new(vec![axis()?, axis()?], &HandleCoupling::of_pairs(2, &[4e-4])?)?;
 //! let push = Input { motor_v: 8.0, hand_torque_nm: 0.0 };
 //! plant.step(&[push, Input::default()], 0.2);

@@ -22,7 +22,8 @@
 //! - [`coupled_axes`] is one to three of them at one handle;
 //! - [`transmission`] is what all transmissions have in common, [`response`] their frequency
 //!   response;
-//! - [`reflected_dynamics`] has inertia, friction and stiffness of a transmission as its motor feels them;
+//! - [`reflected_dynamics`] has inertia, friction and stiffness of a transmission as its motor
+//!   feels them;
 //! - [`drive`] is a single mass with friction;
 //! - [`friction`] has the laws of friction and exact stick;
 //! - [`effects`] are the deviations that a declared model may lack, one file each, put into a plant

@@ -5,9 +5,9 @@
 //!
 //! ```
 //! use plant::transmission::{Input, Transmission};
-//! use plant::{cable, transmission_kinds};
+//! use plant::transmission_kinds::Kind;
 //!
-//! let mut plant = transmission_kinds::Parameters::from(cable::Parameters::calibrated()).plant(Vec::new())?;
+//! let mut plant = Kind::Cable.calibrated().plant(Vec::new())?;
 //! plant.step(Input { motor_v: 5.0, hand_torque_nm: 0.0 }, 0.2);
 //! assert!(plant.motion().slave_position_rad > 0.0);
 //! # Ok::<(), plant::ParameterError>(())

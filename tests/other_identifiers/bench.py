@@ -1,9 +1,9 @@
 """Compares PySINDy and SysIdentPy with `farreach identify`: same records, same held-back rows, same
 machine, one thread each.
 
-Called by run.sh. The result of each method on each case is stored in a file below the work directory
-as soon as it is available; a second run skips the results that exist. Writes peers.json, prints the
-tables and writes them to peers.md.
+Called by run.sh. The result of each method on each case is stored in a file below the work
+directory as soon as it is available; a second run skips the results that exist. Writes peers.json,
+prints the tables and writes them to peers.md.
 """
 
 import argparse

@@ -50,8 +50,8 @@ class Emps:
 
 
 def emps_force(emps, equations):
-    """The force according to the equation of the speed; terms that are not linear in the motion pass
-    the low-pass once more."""
+    """The force according to the equation of the speed; terms that are not linear in the motion
+    pass the low-pass once more."""
     values = {"x": emps.position, "v": emps.velocity, "sin": np.sin, "cos": np.cos}
     values |= {"tanh": np.tanh, "sign": np.sign, "abs": np.abs}
     linear, bent, of_force = emps.acceleration.copy(), np.zeros_like(emps.force), 0.0

@@ -7,7 +7,8 @@
 #   FARREACH        the program, built in release:  cargo build --release
 #   AHEAD           predicts with the fitted model:
 #                   cargo build --release -p identify --example prediction_horizon
-#   CASES           folder of blind cases: cargo run --release -p blind_cases --bin generate -- --help
+#   CASES           folder of blind cases:
+#                   cargo run --release -p blind_cases --bin generate -- --help
 #   DATA            folder with emps_train.csv and silverbox_multisine.csv; absent ones are skipped
 #                   with a message
 #   CASE            names of cases in that folder, emps, silverbox; default: those of

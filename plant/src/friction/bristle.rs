@@ -13,9 +13,9 @@ use super::{Load, OperatingPoint};
 /// [`OperatingPoint`]. Then `z` is known in closed form, the mean force is `A z₀ + B v`, and goes
 /// into a [`Load`] as a force and a viscous coefficient: [`super::advance`] finds `v`. That is of
 /// second order, stable at any stiffness, and passive: at every instant of the step
-/// `F v - d(σ z²/2)/dt = σ c z² ≥ 0`. A bristle does not stick exactly: under a constant force below
-/// the level it ends at a deflection, under one that also shakes it creeps on (Dupont, Hayward,
-/// Armstrong, Altpeter, IEEE TAC 47, 2002).
+/// `F v - d(σ z²/2)/dt = σ c z² ≥ 0`. A bristle does not stick exactly: under a constant force
+/// below the level it ends at a deflection, under one that also shakes it creeps on (Dupont,
+/// Hayward, Armstrong, Altpeter, IEEE TAC 47, 2002).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Bristle {
     /// Deflection `z`, rad or m.
@@ -36,8 +36,8 @@ struct Pending {
 }
 
 impl Bristle {
-    /// Adds the bristle's force to a load: stiffness `σ` (N·m/rad or N/m), and the level `g` (N·m or
-    /// N) at which it slips. A level of zero (or less) leaves no bristle.
+    /// Adds the bristle's force to a load: stiffness `σ` (N·m/rad or N/m), and the level `g` (N·m
+    /// or N) at which it slips. A level of zero (or less) leaves no bristle.
     pub fn contribute(&mut self, load: &mut Load, stiffness: f64, level: f64, at: &OperatingPoint) {
         if let Some(pending) = self.pending.take() {
             // Without `settle`, as predicted.

@@ -9,12 +9,14 @@
 //! is read by the scoring only ([`score`], [`table`]).
 //!
 //! ```text
-//! $ cargo run --release -p blind_cases --bin generate -- --set listed --cases 31 --seed 1 --out cases
-//! $ cargo run --release -p blind_cases --bin campaign -- --farreach target/release/farreach --seed 1 \
-//!       --results campaign.jsonl
+//! $ cargo run --release -p blind_cases --bin generate -- --set listed --cases 31 --seed 1 \
+//!       --out cases
+//! $ cargo run --release -p blind_cases --bin campaign -- --farreach target/release/farreach \
+//!       --seed 1 --results campaign.jsonl
 //! $ cargo run --release -p blind_cases --bin campaign -- --seed 1 --listed 0 --clean 0 --pairs 0 \
 //!       --unlisted-kinds new --results holdout.jsonl
-//! $ cargo run --release -p blind_cases --bin campaign -- --seed 1 --results campaign.jsonl --only-print
+//! $ cargo run --release -p blind_cases --bin campaign -- --seed 1 --results campaign.jsonl \
+//!       --only-print
 //! ```
 #![cfg_attr(test, allow(clippy::unwrap_used, clippy::expect_used))]
 
