@@ -43,8 +43,8 @@ pub use spline::Spline;
 pub use torque_table::{POINTS, TorqueTable};
 
 use crate::checked_toml::{Keys, Section, Source};
+use crate::content_hash::identity;
 use crate::error::ProtocolError;
-use crate::identity::identity;
 use crate::rig_file::RigFile;
 
 /// Largest number of segments, repeats included.

@@ -3,8 +3,8 @@
 //! A transmission is a master and a slave joined by two lines. [`Plant`] integrates it;
 //! [`LineLaw`] is what distinguishes an oil line from a cable.
 
+mod eigenmodes;
 mod line_law;
-mod modes;
 mod parameters;
 mod plant;
 

@@ -1,6 +1,6 @@
 //! What the constants of every transmission provide, whatever its lines are made of.
 
-use super::modes::modes;
+use super::eigenmodes::modes;
 use crate::effects::LineConstants;
 use crate::{ParameterError, ParameterSet};
 

@@ -16,12 +16,12 @@
 //! slave's.
 //!
 //! **Force control.** In [`Mode::Impedance`] and [`Mode::Rhythm`] the machine moves with the hand
-//! ([`force`]); the thesis's IMPEDENCE, a sine under position control, is [`Mode::Position`] here.
+//! ([`force_law`]); the thesis's IMPEDENCE, a sine under position control, is [`Mode::Position`] here.
 //! Transfer between the two controllers is bumpless: the difference fades within [`AUTHORITY_S`].
 //!
 //! **Late answers.** A loop that is kept from answering in time reduces its feedback ([`latency`]).
 //!
-//! **Limits.** A setpoint may lower the limit on the output (module `limit`); in
+//! **Limits.** A setpoint may lower the limit on the output (module `output_limit`); in
 //! [`Mode::Initialise`] the reference then stays within what that output can hold.
 //!
 //! **No setpoint.** Without a setpoint, or once its lease has expired, the law brings the reference
@@ -36,11 +36,11 @@ mod compensation;
 mod config;
 mod feedforward;
 pub mod field;
-pub mod force;
-mod impedance;
+mod force_control;
+pub mod force_law;
 pub mod latency;
-mod limit;
 mod observer;
+mod output_limit;
 mod position_control;
 mod position_options;
 mod saturation;

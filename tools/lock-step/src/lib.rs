@@ -24,7 +24,7 @@
 //! ```
 #![cfg_attr(test, allow(clippy::unwrap_used, clippy::expect_used))]
 
-pub mod free;
+pub mod free_movement;
 pub mod guided;
 pub mod ilc;
 

@@ -3,7 +3,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 use ipc_types::Mode;
-use lock_step::free::{HandEffort, HandleControl, Swing, swing};
+use lock_step::free_movement::{HandEffort, HandleControl, Swing, swing};
 use lock_step::{Aim, LockStepRig};
 use rig::RigFile;
 

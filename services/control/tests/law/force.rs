@@ -1,7 +1,7 @@
 //! Force control: eq. 4.2.1 to 4.2.3, fields, and what happens where they meet the law.
 
 use control::law::field::{Handle, field_torque};
-use control::law::force::{end_stop_torque, offset_v, settled_v, step};
+use control::law::force_law::{end_stop_torque, offset_v, settled_v, step};
 use control::law::{AUTHORITY_S, Law};
 use ipc_types::{AXES, Mode, MotorCommand, Setpoint, TABLE};
 

@@ -30,8 +30,8 @@
 mod block;
 mod check;
 mod iterate;
-mod positions;
 mod scan;
+mod sequence_positions;
 mod sorted;
 mod summary;
 mod zstd;

@@ -2,7 +2,7 @@
 
 pub mod cable;
 mod curve;
-pub mod free;
+pub mod free_movement;
 pub mod friction;
 pub mod hose;
 pub mod learning;
@@ -94,7 +94,7 @@ pub const PLOTS: &[PlotFunction] = &[
     hose::length,
     response::one_metre,
     position::movement,
-    free::movement,
+    free_movement::movement,
     position::feedforward,
     learning::monotonicity,
     learning::learning,

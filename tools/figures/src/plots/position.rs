@@ -1,7 +1,7 @@
 //! Fig. 4.1 and 4.3: position control on the lock-step rig.
 
 use anyhow::Result;
-use control::law::force::offset_v;
+use control::law::force_law::offset_v;
 use lock_step::ilc::Trace;
 use report::Colour::{Black, Blue, Grey, Vermillion};
 use report::{Figure, Panels};

@@ -11,7 +11,7 @@
 use ipc_types::{MotorCommand, Sample, Setpoint};
 
 use super::field::{Handle, field_torque};
-use super::force::{end_stop_torque, step};
+use super::force_law::{end_stop_torque, step};
 use super::{AUTHORITY_S, Axis, Law, handle_position, within};
 
 impl Law {

@@ -2,7 +2,7 @@
 //! lock-step rig.
 
 use anyhow::Result;
-use lock_step::free::{HandEffort, HandleControl, REVERSAL_WINDOW_S, Swing, swing};
+use lock_step::free_movement::{HandEffort, HandleControl, REVERSAL_WINDOW_S, Swing, swing};
 use rayon::prelude::*;
 use report::Colour::{Black, Vermillion};
 use report::{Figure, Panels};

@@ -1,7 +1,7 @@
 //! Free movement by itself: fig. 4.2's control at work, and what is said of it.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
-use figures::plots::free::free_movement;
+use figures::plots::free_movement::free_movement;
 
 #[test]
 fn what_the_hand_spends_stands_in_the_rows() {
