@@ -16,8 +16,9 @@
 //! slave's.
 //!
 //! **Force control.** In [`Mode::Impedance`] and [`Mode::Rhythm`] the machine moves with the hand
-//! ([`force_law`]); the thesis's IMPEDENCE, a sine under position control, is [`Mode::Position`] here.
-//! Transfer between the two controllers is bumpless: the difference fades within [`AUTHORITY_S`].
+//! ([`force_law`]); the thesis's IMPEDENCE, a sine under position control, is [`Mode::Position`]
+//! here. Transfer between the two controllers is bumpless: the difference fades within
+//! [`AUTHORITY_S`].
 //!
 //! **Late answers.** A loop that is kept from answering in time reduces its feedback ([`latency`]).
 //!

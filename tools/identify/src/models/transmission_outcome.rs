@@ -47,20 +47,20 @@ fn outcome(study: &Study) -> Option<Outcome> {
     let remains = found.unlisted_function.is_some() || found.inadequate;
     let verdict = Verdict::of(found.steps.len(), rivals.len(), remains);
     let fit = Dataset::of(&study.model, Role::Fit);
-    let known = fit.deviations(found.last(), BLOCK);
+    let with_deviation = fit.deviations(found.last(), BLOCK);
     Some(Outcome {
         verdict,
-        effects: effects(study, &known),
+        effects: effects(study, &with_deviation),
         ambiguous_with: rivals
             .iter()
             .map(|(id, site)| Named { id: (*id).into(), site: site.name().into() })
             .collect(),
         remains,
         left: Vec::new(),
-        unlisted: unlisted(found, &fit, &known),
+        unlisted: unlisted(found, &fit, &with_deviation),
         calibration: study.calibration.clone(),
         error: error(study)?,
-        parameters: parameters(study, &known),
+        parameters: parameters(study, &with_deviation),
         records: roles(study),
         next_experiment: next_experiment(study, verdict),
         steps: Vec::new(),
@@ -71,18 +71,23 @@ fn outcome(study: &Study) -> Option<Outcome> {
 }
 
 /// The standard deviation of a parameter.
-fn deviation(known: &[(FreeParameter, f64)], is: impl Fn(&FreeParameter) -> bool) -> Option<f64> {
-    known.iter().find(|(parameter, _)| is(parameter)).map(|(_, deviation)| *deviation)
+fn deviation(
+    with_deviation: &[(FreeParameter, f64)],
+    is: impl Fn(&FreeParameter) -> bool,
+) -> Option<f64> {
+    with_deviation.iter().find(|(parameter, _)| is(parameter)).map(|(_, deviation)| *deviation)
 }
 
-/// The unlisted effect; `known` are the standard deviations of the final model.
+/// The unlisted effect; `with_deviation` are the parameters of the final model, each with its
+/// standard deviation.
 fn unlisted(
     found: &SearchResult,
     fit: &Dataset<'_>,
-    known: &[(FreeParameter, f64)],
+    with_deviation: &[(FreeParameter, f64)],
 ) -> Option<UnlistedTable> {
-    let of_function =
-        |unlisted_function| table(unlisted_function, fit, found.inadequate.then_some(known));
+    let of_function = |unlisted_function| {
+        table(unlisted_function, fit, found.inadequate.then_some(with_deviation))
+    };
     let alone = |site: Site| UnlistedTable {
         site: site.name().into(),
         depends_on: UNKNOWN.into(),
@@ -97,18 +102,18 @@ fn unlisted(
     Some(UnlistedTable { unexplained, ..told })
 }
 
-/// The table of a nonparametric function; `known` are the standard deviations of its model, if that
-/// is the final one.
+/// The table of a nonparametric function; `with_deviation` are the parameters of its model, each
+/// with its standard deviation, if that model is the final one.
 fn table(
     unlisted_function: &UnlistedFunction,
     fit: &Dataset<'_>,
-    known: Option<&[(FreeParameter, f64)]>,
+    with_deviation: Option<&[(FreeParameter, f64)]>,
 ) -> UnlistedTable {
     let own = || fit.deviations(&unlisted_function.fitted, BLOCK);
-    let known = known.map_or_else(own, <[_]>::to_vec);
+    let with_deviation = with_deviation.map_or_else(own, <[_]>::to_vec);
     let of = |node: usize| {
         let is = |parameter: &FreeParameter| matches!(parameter, FreeParameter::Node { node: own, .. } if *own == node);
-        deviation(&known, is).filter(|deviation| deviation.is_finite()).unwrap_or(f64::NAN)
+        deviation(&with_deviation, is).filter(|deviation| deviation.is_finite()).unwrap_or(f64::NAN)
     };
     let table = &unlisted_function.table;
     UnlistedTable {
@@ -119,10 +124,10 @@ fn table(
     }
 }
 
-fn effects(study: &Study, known: &[(FreeParameter, f64)]) -> Vec<FoundEffect> {
+fn effects(study: &Study, with_deviation: &[(FreeParameter, f64)]) -> Vec<FoundEffect> {
     let last = study.found.last();
     let of = |at: usize, name: &str| {
-        let waves: Vec<&(FreeParameter, f64)> = known
+        let waves: Vec<&(FreeParameter, f64)> = with_deviation
             .iter()
             .filter(|(parameter, _)| match parameter {
                 FreeParameter::Phasor { placed, name: own, .. } => {
@@ -138,7 +143,7 @@ fn effects(study: &Study, known: &[(FreeParameter, f64)]) -> Vec<FoundEffect> {
             let across = (s * of_cosine).hypot(c * of_sine) / amplitude;
             return Some(if name == "phase" { across / amplitude } else { along });
         }
-        deviation(known, |parameter| match parameter {
+        deviation(with_deviation, |parameter| match parameter {
             FreeParameter::Effect { placed, range } => *placed == at && range.name == name,
             _ => false,
         })
@@ -216,10 +221,10 @@ fn error(study: &Study) -> Option<BTreeMap<String, ChannelError>> {
     Some(channels.collect())
 }
 
-fn parameters(study: &Study, known: &[(FreeParameter, f64)]) -> Vec<FittedParameter> {
+fn parameters(study: &Study, with_deviation: &[(FreeParameter, f64)]) -> Vec<FittedParameter> {
     let model = &study.model;
     let last = study.found.last();
-    let effects: Vec<FreeParameter> = known
+    let effects: Vec<FreeParameter> = with_deviation
         .iter()
         .map(|(parameter, _)| parameter)
         .filter(|parameter| !parameter.is_base())
@@ -237,14 +242,14 @@ fn parameters(study: &Study, known: &[(FreeParameter, f64)]) -> Vec<FittedParame
         .enumerate()
         .map(|(index, (parameter, seen))| {
             let free = FreeParameter::Base(index);
-            let deviation = deviation(known, |own| *own == free);
-            let at_edge = parameter.declared.is_some()
+            let deviation = deviation(with_deviation, |own| *own == free);
+            let is_at_bound = parameter.declared.is_some()
                 && free.normalised(model, &last.setting).abs() > AT_BOUND;
-            let identifiable = !at_edge
+            let identifiable = !is_at_bound
                 && deviation
                     .is_some_and(|deviation| deviation < 0.5 * (parameter.high - parameter.low));
             let (identifiability, trades_with) = match seen {
-                _ if at_edge => (Identifiability::AtBound, None),
+                _ if is_at_bound => (Identifiability::AtBound, None),
                 _ if identifiable => (Identifiability::Identified, None),
                 Sensitivity::Absent => (Identifiability::Absent, None),
                 Sensitivity::Collinear(like) => (Identifiability::TradeOff, like.and_then(name_of)),
@@ -254,10 +259,10 @@ fn parameters(study: &Study, known: &[(FreeParameter, f64)]) -> Vec<FittedParame
                 name: parameter.name.clone(),
                 declared: parameter.declared,
                 fitted: last.setting.base[index],
-                std: deviation.filter(|deviation| deviation.is_finite() && !at_edge),
+                std: deviation.filter(|deviation| deviation.is_finite() && !is_at_bound),
                 unit: parameter.unit.to_owned(),
                 identifiable,
-                at_tolerance: at_edge,
+                at_tolerance: is_at_bound,
                 identifiability,
                 trades_with,
             }

@@ -12,8 +12,8 @@ use super::validation::{LEAST_FIRST, LEAST_GAIN, Validation, validate};
 const RUNNERS_UP: usize = 6;
 /// A larger loss is not recovered by further fitting.
 const FAR_BEHIND: f64 = 0.5;
-/// A smaller loss counts as none.
-pub const AS_GOOD: f64 = 0.05;
+/// Gain from which two effects are distinct; a smaller loss counts as none.
+pub const DISTINCT_GAIN: f64 = 0.05;
 /// Runners-up that are tried in an effect's place.
 const SUBSTITUTES: usize = 3;
 /// Fit rounds of each.
@@ -188,7 +188,8 @@ pub fn rivals(
         .filter(|model| {
             let beside = validate(model.beside.effect(), &model.selected, selected);
             let same = are_equivalent(meant, model.beside.effect());
-            beside.gain < AS_GOOD && beside.t.abs() < DISTINCT_T || same && beside.gain < LEAST_GAIN
+            beside.gain < DISTINCT_GAIN && beside.t.abs() < DISTINCT_T
+                || same && beside.gain < LEAST_GAIN
         })
         .map(|model| model.beside.effect())
         .take(2)

@@ -38,7 +38,7 @@ pub struct UnlistedFunction {
 pub struct NonparametricResult {
     /// Functions tried, best first.
     pub tried: Vec<Validation>,
-    /// The best one, if it passes.
+    /// The best one, if it passes; a smaller gain suffices where the listed effects are inadequate.
     pub best: Option<UnlistedFunction>,
     /// Localisation, if listed effects are known to be inadequate.
     pub localisation: Option<Localisation>,

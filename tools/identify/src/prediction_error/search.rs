@@ -4,7 +4,8 @@
 use plant::effects::Site;
 
 use super::backward_elimination::{
-    AS_GOOD, RunnerUp, equivalent_site, redundant_effect, rivals, single_effect_models, substitute,
+    DISTINCT_GAIN, RunnerUp, equivalent_site, redundant_effect, rivals, single_effect_models,
+    substitute,
 };
 use super::candidates::{Candidate, candidates};
 use super::fit::{Dataset, Fitted};
@@ -20,17 +21,17 @@ use super::transmission_model::TransmissionModel;
 use super::validation::{LEAST_GAIN, Validation, above_floor, at_floor, is_bistable, validate};
 use crate::equation_error::block_roles::Role;
 
-/// Gain over the effect added by which another takes its place.
-const BETTER: f64 = 0.03;
+/// Gain over an added effect from which another candidate replaces it.
+const REPLACEMENT_GAIN: f64 = 0.03;
 /// Most effects added.
 const MOST_EFFECTS: usize = 3;
 /// Most rounds, including those whose effect was removed again.
 const MOST_ROUNDS: usize = 5;
-/// Least share of the best gain for another candidate of the first round to be tried in place of
-/// the effects added.
-const A_RIVAL: f64 = 0.25;
+/// Least share of the best gain of a round from which another candidate is tried in place of the
+/// effects added.
+const RIVAL_GAIN_SHARE: f64 = 0.25;
 /// Share of a model's gain that the same model with an equivalent effect must reach.
-const AS_MUCH: f64 = 0.75;
+const EQUIVALENT_GAIN_SHARE: f64 = 0.75;
 /// Fit rounds with an equivalent effect.
 const EQUIVALENT_FIT_ROUNDS: usize = 3;
 /// Fit rounds with the other encoder.
@@ -62,9 +63,10 @@ pub struct SearchResult {
     pub rounds: Vec<Vec<Validation>>,
     /// Effects that were added and removed again.
     pub given_up: Vec<(&'static str, Site)>,
-    /// Nonparametric functions tried after that.
+    /// Nonparametric functions tried after the listed effects.
     pub generic: Vec<Validation>,
-    /// The best of them, if it passes.
+    /// The best of them, if it passes; where the listed effects are inadequate, a smaller gain than
+    /// that suffices.
     pub unlisted_function: Option<UnlistedFunction>,
     /// Where the unmodelled torque enters; only if no listed effect is adequate.
     pub localisation: Option<Localisation>,
@@ -241,7 +243,7 @@ impl Search<'_> {
         });
         let is_rival = |other: &&FittedCandidate| {
             other.candidate != winner.candidate
-                && other.validation.gain >= A_RIVAL * winner.validation.gain
+                && other.validation.gain >= RIVAL_GAIN_SHARE * winner.validation.gain
         };
         self.latest = tried.iter().filter(is_rival).filter_map(RunnerUp::of).collect();
         if self.found.rounds.len() == 1 {
@@ -286,7 +288,7 @@ impl Search<'_> {
     /// that the records cannot distinguish from a single effect become its rivals.
     fn compare_with_runners_up(&mut self) -> Option<()> {
         let single_effect_models = single_effect_models(self.views(), &self.now, &self.runners_up)?;
-        let enough = if self.found.steps.len() > 1 { LEAST_GAIN } else { -BETTER };
+        let enough = if self.found.steps.len() > 1 { LEAST_GAIN } else { -REPLACEMENT_GAIN };
         match &single_effect_models[..] {
             // One effect does as well as several, or better than the first winner after its refit.
             [best, rest @ ..] if best.beside.gain < enough => {
@@ -320,9 +322,9 @@ impl Search<'_> {
         for at in 0..self.found.steps.len() {
             let added = self.found.steps[at].added.effect();
             let (id, Some(site)) = (added.0, equivalent_site(added)) else { continue };
-            let there =
+            let already_present =
                 self.now.setting.placed.iter().any(|placed| (placed.id, placed.site) == (id, site));
-            if there || !self.found.steps[at].rivals.is_empty() {
+            if already_present || !self.found.steps[at].rivals.is_empty() {
                 continue;
             }
             let mut setting = self.now.setting.clone();
@@ -331,10 +333,10 @@ impl Search<'_> {
             else {
                 continue;
             };
-            let there = self.select.residuals(&fitted.setting)?;
-            let [meant, equivalent_site] =
-                [&with, &there].map(|after| validate((id, site), &without, after).gain);
-            if equivalent_site >= AS_MUCH * meant {
+            let moved = self.select.residuals(&fitted.setting)?;
+            let [own_gain, equivalent_gain] =
+                [&with, &moved].map(|after| validate((id, site), &without, after).gain);
+            if equivalent_gain >= EQUIVALENT_GAIN_SHARE * own_gain {
                 self.found.steps[at].rivals.push((id, site));
             }
         }
@@ -342,7 +344,8 @@ impl Search<'_> {
     }
 
     /// Compares eccentricity of one encoder with that of the other, which small movements cannot
-    /// distinguish; the one that explains more is kept.
+    /// distinguish; the other replaces it only if it gains
+    /// [`REPLACEMENT_GAIN`] more.
     fn compare_encoders(&mut self) -> Option<()> {
         let mut with = self.select.residuals(&self.now.setting)?;
         for at in 0..self.found.steps.len() {
@@ -360,10 +363,10 @@ impl Search<'_> {
             };
             let Some(there) = self.select.residuals(&other.setting) else { continue };
             let mut beside = validate((id, site), &there, &with).gain;
-            if beside < -BETTER {
+            if beside < -REPLACEMENT_GAIN {
                 (self.now, with, beside) = (other, there, -beside);
             }
-            if beside < AS_GOOD && self.found.steps[at].rivals.is_empty() {
+            if beside < DISTINCT_GAIN && self.found.steps[at].rivals.is_empty() {
                 self.found.steps[at].rivals.push((id, site));
             }
         }

@@ -13,7 +13,7 @@ use super::transmission_model::{Residual, Setting, TransmissionModel};
 use super::validation::{LEAST_FIRST, Validation, at_floor, validate_beside};
 
 /// Gains within this share of the best count as equal: the fewest parameters win.
-const AS_GOOD: f64 = 0.97;
+const EQUAL_GAIN_SHARE: f64 = 0.97;
 /// Candidates that are fitted after the screening.
 const REFITTED: usize = 12;
 /// Those of them that are fitted to convergence.
@@ -305,6 +305,6 @@ pub fn winner(tried: &[FittedCandidate]) -> Option<&FittedCandidate> {
     let passed = || tried.iter().filter(|tried| tried.validation.accepted);
     let most = passed().map(|tried| tried.validation.gain).max_by(f64::total_cmp)?;
     passed()
-        .filter(|tried| tried.validation.gain >= AS_GOOD * most)
+        .filter(|tried| tried.validation.gain >= EQUAL_GAIN_SHARE * most)
         .min_by_key(|tried| tried.fitted.parameters.len())
 }
