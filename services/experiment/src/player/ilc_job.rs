@@ -9,8 +9,8 @@ use crate::ilc_trial::{IlcTrials, Returned};
 #[derive(Clone, Debug)]
 #[allow(clippy::large_enum_variant, reason = "a box would be made in the real-time loop")]
 pub enum IlcJob {
-    /// A learning segment begins; the worker answers with `IlcResult::Ready` or
-    /// `IlcResult::Failed`.
+    /// A learning segment begins; the worker answers with `IlcOutcome::Ready` or
+    /// `IlcOutcome::Failed`.
     Begin {
         /// Number of the learning run.
         run_id: u32,
