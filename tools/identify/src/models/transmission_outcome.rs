@@ -112,7 +112,10 @@ fn table(
     let own = || fit.deviations(&unlisted_function.fitted, BLOCK);
     let with_deviation = with_deviation.map_or_else(own, <[_]>::to_vec);
     let of = |node: usize| {
-        let is = |parameter: &FreeParameter| matches!(parameter, FreeParameter::Node { node: own, .. } if *own == node);
+        let is = |parameter: &FreeParameter| match parameter {
+            FreeParameter::Node { node: own, .. } => *own == node,
+            _ => false,
+        };
         deviation(&with_deviation, is).filter(|deviation| deviation.is_finite()).unwrap_or(f64::NAN)
     };
     let table = &unlisted_function.table;
