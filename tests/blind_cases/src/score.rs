@@ -129,7 +129,7 @@ pub struct Score {
     pub truth: Vec<String>,
     /// Whether each of them is detectable.
     pub detectable: bool,
-    /// Smallest gain of [`crate::detect`] over the effects.
+    /// Smallest gain of [`crate::detectability`] over the effects.
     pub gain: f64,
     /// How the run ended.
     pub end: End,
