@@ -6,7 +6,7 @@
 //! The feedback is therefore reduced by the factor `TOLERATED_S / latency`, which lowers the
 //! crossover frequency as the delay grows. Feed-forward has no part in the oscillation and stays.
 //!
-//! The latency is the longest of the recent ones (time constant [`RECENT_S`]), since one gap is
+//! The latency is the longest of the recent ones (time constant `RECENT_S`), since one gap is
 //! rarely the only one: the larger of the sample's age and the time since the previous step.
 
 /// Latency up to which the feedback is not reduced (s): the longest that the realtime profile
