@@ -90,7 +90,7 @@ impl RigFile {
     /// Constants of one axis's transmission: [`Model::parameters`], overridden by `axes.model`.
     ///
     /// # Errors
-    /// [`RigError::Invalid`] where the model is no transmission ([`ModelKind::is_transmission`]).
+    /// [`RigError::Invalid`] where the model is no transmission.
     pub fn axis_parameters(&self, axis: &Axis) -> Result<Parameters, RigError> {
         self.model.of_axis(&axis.model, &self.file_name)
     }

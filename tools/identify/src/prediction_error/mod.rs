@@ -26,7 +26,7 @@
 //!   at each place;
 //! - [`step_refinement`]: whether an effect survives finer steps of the simulation;
 //! - [`rectified_torque`]: the sign of a torque whose sensor shows magnitudes only;
-//! - [`sensor`]: correction of the torque sensor's errors and of late readings;
+//! - [`sensor_correction`]: correction of the torque sensor's errors and of late readings;
 //! - [`refit`]: fits of the whole model, declared and extended;
 //! - [`backward_elimination`]: effects that later ones, or a single other one, made redundant;
 //! - [`selection_round`]: one round of the forward selection;

@@ -269,7 +269,7 @@ fn starting_point(equation_error_fit: &Fitted, known: &Fitted) -> Fitted {
 }
 
 /// Greedy search: the best accepted candidate is added and all is fitted again, until none passes
-/// or [`MOST_EFFECTS`] are in. `None` where not even the declared model can be fitted.
+/// or `MOST_EFFECTS` are in. `None` where not even the declared model can be fitted.
 pub fn search(predictor: &Predictor<'_>, blocks: &[Block]) -> Option<SearchResult> {
     let [fit, select] = [Role::Fit, Role::Select].map(|role| blocks_of_role(blocks, role));
     let search = Search { predictor, fit, select };
