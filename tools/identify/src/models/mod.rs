@@ -1,4 +1,4 @@
-//! One file per kind of model, and one line in [`of_kind`].
+//! The kinds of declared models, and what is reported of each: searches, outcomes, pages.
 
 mod bootstrap;
 mod candidate_movements;
