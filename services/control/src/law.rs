@@ -49,7 +49,7 @@ mod slave_loop;
 mod transition;
 mod velocity_estimate;
 
-pub use config::{AxisLaw, LawConfig};
+pub use config::{AxisLaw, LawConfig, STOP_S};
 use feedforward::Slew;
 pub use feedforward::{REVERSAL, friction};
 use ipc_types::{AXES, Mode, MotorCommand, Sample, Setpoint};
@@ -70,8 +70,6 @@ pub const INERTIA_SLEW_S: f64 = 0.02;
 /// A step of the target counts as a change of target if the feedback's response to it would exceed
 /// this (V).
 pub const SWITCH_STEP_V: f64 = 0.05;
-/// Longest time in which a moving reference is brought to rest when its target is lost (s).
-pub const STOP_S: f64 = 0.25;
 /// Longest time over which a setpoint is extrapolated (s).
 pub const EXTRAPOLATION_S: f64 = 0.1;
 /// Longest elapsed time that one step accounts for, however late the loop is (s).
@@ -130,8 +128,6 @@ pub struct Law {
     last_step_ns: Option<u64>,
     last_sample_ns: u64,
     latency: Latency,
-    /// Factor on the feedback, below 1 while answers are late.
-    feedback_factor: f64,
 }
 
 impl Law {
@@ -164,7 +160,6 @@ impl Law {
             last_step_ns: None,
             last_sample_ns: 0,
             latency: Latency::default(),
-            feedback_factor: 1.0,
         }
     }
 
@@ -200,14 +195,13 @@ impl Law {
             .clamp(0.0, LONGEST_STEP_S);
         self.last_step_ns = Some(now_ns);
         let age_s = now_ns.saturating_sub(sample.scan_time_ns) as f64 * 1e-9;
-        self.feedback_factor =
-            self.latency.feedback_factor(age_s, elapsed_s, elapsed_s / AUTHORITY_S);
+        self.latency.update(age_s, elapsed_s, elapsed_s / AUTHORITY_S);
         let mut command = MotorCommand {
             sample_tick: sample.tick,
             sample_time_ns: sample.scan_time_ns,
             computed_ns: now_ns,
             axes: self.config.axes as u8,
-            feedback_factor: self.feedback_factor,
+            feedback_factor: self.latency.feedback_factor,
             mode: Mode::Passive.code(),
             ..MotorCommand::default()
         };

@@ -32,8 +32,13 @@ pub(crate) fn candidates_and_parameters(
 pub(crate) fn what_is_left(left: &Left) -> String {
     match &left.site {
         Some(site) => format!("{}@{site}", left.id),
-        None => format!("function of {}", left.id.replace('_', " ")),
+        None => function_of(&left.id),
     }
+}
+
+/// The name of a nonparametric function of a variable.
+fn function_of(variable: &str) -> String {
+    format!("function of {}", variable.replace('_', " "))
 }
 
 fn ranking(outcome: &Outcome) -> Table {
@@ -54,11 +59,7 @@ fn ranking(outcome: &Outcome) -> Table {
         }
         table = table.row([
             c.round.to_string(),
-            if c.generic {
-                format!("function of {}", c.id.replace('_', " "))
-            } else {
-                c.id.clone()
-            },
+            if c.generic { function_of(&c.id) } else { c.id.clone() },
             format!("{:.1}", c.gain_percent),
             format!("{:.1}", c.t),
             c.blocks_better.to_string(),

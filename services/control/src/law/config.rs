@@ -4,8 +4,8 @@ use ipc_types::AXES;
 use plant::reflected_dynamics::ReflectedDynamics;
 use rig::{AxisControl, Limits, RigFile};
 
-use super::STOP_S;
-
+/// Longest time in which a moving reference is brought to rest when its target is lost (s).
+pub const STOP_S: f64 = 0.25;
 /// The reference catches up with a far target at this fraction of the axis's speed limit.
 const CATCH_UP: f64 = 0.2;
 

@@ -66,7 +66,7 @@ impl Law {
         if !axis.force_v.is_finite() {
             return false;
         }
-        let wanted_v = self.feedback_factor * axis.force_v;
+        let wanted_v = self.latency.feedback_factor * axis.force_v;
         let carried_v = axis.carry(true, wanted_v, limit_v * elapsed_s / AUTHORITY_S);
         let limited_v = within(wanted_v + carried_v, limit_v);
         axis.output_v = limited_v;

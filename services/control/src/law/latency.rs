@@ -19,24 +19,24 @@ const RECENT_S: f64 = 0.5;
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Latency {
     recent_s: f64,
-    factor: f64,
+    /// Factor on the feedback, 0 to 1.
+    pub(super) feedback_factor: f64,
 }
 
 impl Default for Latency {
     fn default() -> Self {
-        Self { recent_s: 0.0, factor: 1.0 }
+        Self { recent_s: 0.0, feedback_factor: 1.0 }
     }
 }
 
 impl Latency {
-    /// The factor on the feedback (0 to 1) for a sample of this age, `elapsed_s` after the previous
-    /// step (s). It falls by at most `largest_fall` (1), so that the output does not step.
-    pub(super) fn feedback_factor(&mut self, age_s: f64, elapsed_s: f64, largest_fall: f64) -> f64 {
+    /// Accounts for a step on a sample of this age, `elapsed_s` after the previous step (s). The
+    /// factor falls by at most `largest_fall` (1), so that the output does not step.
+    pub(super) fn update(&mut self, age_s: f64, elapsed_s: f64, largest_fall: f64) {
         let faded_s = self.recent_s * (-elapsed_s / RECENT_S).exp();
         self.recent_s = age_s.max(elapsed_s).max(faded_s);
         let wanted = (TOLERATED_S / self.recent_s).min(1.0);
-        self.factor = wanted.max(self.factor - largest_fall);
-        self.factor
+        self.feedback_factor = wanted.max(self.feedback_factor - largest_fall);
     }
 }
 
@@ -46,7 +46,8 @@ mod tests {
 
     /// The factor, allowed to fall by all of it in 50 ms.
     fn step(latency: &mut Latency, age_s: f64, elapsed_s: f64) -> f64 {
-        latency.feedback_factor(age_s, elapsed_s, elapsed_s / 0.05)
+        latency.update(age_s, elapsed_s, elapsed_s / 0.05);
+        latency.feedback_factor
     }
 
     #[test]

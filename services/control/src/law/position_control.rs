@@ -46,7 +46,7 @@ impl Law {
         let inertia_v = axis.inertia.follow(inertia_v, limit_v * elapsed_s / INERTIA_SLEW_S);
         let observed_v = axis.observed(law, sample, index, friction_v, elapsed_s);
         let feedforward_v = friction_v + inertia_v + observed_v;
-        let feedback_v = self.feedback_factor
+        let feedback_v = self.latency.feedback_factor
             * (law.control.position_gain * (reference.position - position)
                 + law.control.velocity_gain * (reference.velocity - velocity));
         let wanted_v = feedback_v + feedforward_v;

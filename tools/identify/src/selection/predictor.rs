@@ -60,6 +60,8 @@ impl Predictor<'_> {
         let (mut e, mut y, mut n) = (0.0, 0.0, 0usize);
         for block in blocks {
             let residual = self.residual(fitted, block);
+            // The order of the sum differs between the two; published errors depend on it in their
+            // last bit.
             e += match self {
                 Self::EquationError(_) => DVector::from_vec(residual).norm_squared(),
                 Self::OutputError(_) => squares(&residual),
