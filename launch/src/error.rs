@@ -48,7 +48,8 @@ pub enum Error {
     },
     /// The rig is already up.
     #[error(
-        "rig {rig} is already up (launcher {launcher}, {since}); bring it down first: farreach down"
+        "rig {rig} is already up (launcher {launcher}, {since}); bring it down first: farreach \
+         down"
     )]
     AlreadyUp {
         /// The rig.
@@ -60,8 +61,8 @@ pub enum Error {
     },
     /// Processes of an earlier launch are alive and were started with other settings.
     #[error(
-        "processes of rig {rig} outlived their launcher and run with other settings ({}); \
-         end them first: farreach down",
+        "processes of rig {rig} outlived their launcher and run with other settings ({}); end them \
+         first: farreach down",
         leftovers.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ")
     )]
     OtherSettings {
@@ -71,7 +72,7 @@ pub enum Error {
         leftovers: Vec<Leftover>,
     },
     /// No rig is up in this directory.
-    #[error("no rig is up in {}", run_dir.display())]
+    #[error("no rig is up in {run_dir}")]
     NotUp {
         /// The directory.
         run_dir: PathBuf,
@@ -111,9 +112,8 @@ pub enum Error {
     },
     /// A socket's path does not fit into a socket address.
     #[error(
-        "{} has {length} bytes, and a socket's path has room for 107; \
-         choose a shorter run directory",
-        path.display()
+        "{path} has {length} bytes, and a socket's path has room for 107; choose a shorter run \
+         directory"
     )]
     PathTooLong {
         /// The path.
@@ -122,7 +122,7 @@ pub enum Error {
         length: usize,
     },
     /// The run directory belongs to another user, or others can write to it.
-    #[error("{}: {found}; expected a directory of your own with mode 0700", path.display())]
+    #[error("{path}: {found}; expected a directory of your own with mode 0700")]
     RunDirectory {
         /// The directory.
         path: PathBuf,
@@ -130,7 +130,7 @@ pub enum Error {
         found: String,
     },
     /// A file of the run directory cannot be read back.
-    #[error("{}: {message}; if no process of the rig is left, remove it", path.display())]
+    #[error("{path}: {message}; if no process of the rig is left, remove it")]
     File {
         /// The file.
         path: PathBuf,
@@ -138,7 +138,7 @@ pub enum Error {
         message: String,
     },
     /// The system refused.
-    #[error("cannot {doing} {}: {source}", path.display())]
+    #[error("cannot {doing} {path}: {source}")]
     Io {
         /// The operation.
         doing: &'static str,

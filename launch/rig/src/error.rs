@@ -8,8 +8,8 @@ use std::path::PathBuf;
 pub enum FileError {
     /// The file could not be read at all.
     #[error(
-        "{}: cannot be read: {source}; give the path of a file that exists and that you may read",
-        path.display()
+        "{path}: cannot be read: {source}; give the path of a file that exists and that you may \
+         read"
     )]
     Unreadable {
         /// Path as it was given.
@@ -19,8 +19,8 @@ pub enum FileError {
     },
     /// No shipped file has this name.
     #[error(
-        "no {kind} \"{found}\" comes with farreach; expected one of {}, \
-         or the path of a file (with its .toml)",
+        "no {kind} \"{found}\" comes with farreach; expected one of {}, or the path of a file \
+         (with its .toml)",
         known.join(", ")
     )]
     NotShipped {

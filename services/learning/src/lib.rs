@@ -89,7 +89,7 @@ pub enum LearningError {
     /// The desired movement is not a valid cycle.
     #[error(
         "desired cycle: expected {FEWEST_STEPS} or more finite positions within the limits, found \
-            {found}"
+         {found}"
     )]
     Desired {
         /// What was found.

@@ -60,8 +60,7 @@ pub enum StoreError {
     /// Learnt on another rig, or on this one before its rig file was changed.
     #[error(
         "learnt on another rig: expected \"{expected_name}\" with the rig file of identity \
-            {expected:016x}, found \"{found_name}\" with \
-         {found:016x}; learn anew on this rig"
+         {expected:016x}, found \"{found_name}\" with {found:016x}; learn anew on this rig"
     )]
     OtherRig {
         /// Identity of the rig at hand.
@@ -85,8 +84,8 @@ pub enum StoreError {
     },
     /// For another movement.
     #[error(
-        "learnt for another movement: expected {expected}, found {found}; learn anew, or use \
-            the movement of the file"
+        "learnt for another movement: expected {expected}, found {found}; learn anew, or use the \
+         movement of the file"
     )]
     OtherMovement {
         /// Movement at hand.
@@ -105,7 +104,7 @@ pub enum StoreError {
         found: u32,
     },
     /// A file operation failed.
-    #[error("{}: cannot {doing}: {source}", path.display())]
+    #[error("{path}: cannot {doing}: {source}")]
     Io {
         /// The operation.
         doing: &'static str,

@@ -60,10 +60,10 @@ pub enum LoggerError {
     Port(#[from] PortError),
     #[error(transparent)]
     Recorder(#[from] RecorderError),
-    #[error("{}: cannot save the logger's state: {source}", path.display())]
+    #[error("{path}: cannot save the logger's state: {source}")]
     StateDirectory { path: PathBuf, source: io::Error },
     /// The recording requested at the start did not begin.
-    #[error("recording to {} did not begin: {reason}", path.display())]
+    #[error("recording to {path} did not begin: {reason}")]
     NotBegun { path: PathBuf, reason: String },
     /// The file could not be ended cleanly.
     #[error("{reason}")]

@@ -45,7 +45,7 @@ use crate::writer_thread::{Opener, open_file, run};
 #[derive(Debug, thiserror::Error)]
 pub enum RecorderError {
     /// One recording at a time.
-    #[error("already recording to {}: stop that first", path.display())]
+    #[error("already recording to {path}: stop that first")]
     Recording {
         /// The file.
         path: PathBuf,
@@ -54,7 +54,7 @@ pub enum RecorderError {
     #[error("nothing is being recorded")]
     NotRecording,
     /// A relative path would depend on the logger's working directory.
-    #[error("{}: expected an absolute path", path.display())]
+    #[error("{path}: expected an absolute path")]
     RelativePath {
         /// The path.
         path: PathBuf,

@@ -49,10 +49,7 @@ impl StartRequest {
 #[derive(Debug, thiserror::Error)]
 pub enum StateError {
     /// The file cannot be read or written.
-    #[error(
-        "{}: {source}; a recording would not continue after a restart of the logger",
-        path.display()
-    )]
+    #[error("{path}: {source}; a recording would not continue after a restart of the logger")]
     Io {
         /// The file.
         path: PathBuf,
@@ -61,9 +58,8 @@ pub enum StateError {
     },
     /// The file cannot be parsed. It was moved aside.
     #[error(
-        "{}: not a state file of the logger ({what}); moved to {}: start the recording again",
-        path.display(),
-        aside.display()
+        "{path}: not a state file of the logger ({what}); moved to {aside}: start the recording \
+         again"
     )]
     Damaged {
         /// The file.

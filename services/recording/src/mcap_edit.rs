@@ -21,7 +21,7 @@ pub enum EditError {
     #[error(transparent)]
     Read(#[from] ReadError),
     /// The output cannot be created.
-    #[error("{}: cannot create: {source}; recordings are never overwritten", path.display())]
+    #[error("{path}: cannot create: {source}; recordings are never overwritten")]
     Create {
         /// The file.
         path: PathBuf,
@@ -29,7 +29,7 @@ pub enum EditError {
         source: io::Error,
     },
     /// The output cannot be written. The incomplete file is removed.
-    #[error("{}: cannot write: {source}", path.display())]
+    #[error("{path}: cannot write: {source}")]
     Write {
         /// The file.
         path: PathBuf,
@@ -38,10 +38,8 @@ pub enum EditError {
     },
     /// Recordings that do not belong together.
     #[error(
-        "{} is of {what} {first}, {} of {what} {second}: expected parts of one recording; --force \
-            merges them all the same",
-        first_path.display(),
-        second_path.display()
+        "{first_path} is of {what} {first}, {second_path} of {what} {second}: expected parts of \
+         one recording; --force merges them all the same"
     )]
     Unrelated {
         /// What differs: rig, rig name or session.

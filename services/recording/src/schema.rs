@@ -31,7 +31,7 @@ pub enum SchemaError {
     /// A field of a type that this reader does not support.
     #[error(
         "schema {name}, field {field}: expected a number or a fixed array of numbers, found \
-            {found}: nested, text and variable types are not supported"
+         {found}: nested, text and variable types are not supported"
     )]
     Field {
         /// Name of the schema.
@@ -44,7 +44,7 @@ pub enum SchemaError {
     /// A payload that is not little-endian CDR, or too short.
     #[error(
         "schema {name}: expected little-endian CDR of {expected} bytes, found {found} bytes \
-            beginning with {start:02x?}"
+         beginning with {start:02x?}"
     )]
     Payload {
         /// Name of the schema.

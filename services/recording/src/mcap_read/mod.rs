@@ -52,7 +52,7 @@ use crate::schema::{Layout, SchemaError};
 #[derive(Debug, thiserror::Error)]
 pub enum ReadError {
     /// The file cannot be opened or read.
-    #[error("{}: cannot read: {source}", path.display())]
+    #[error("{path}: cannot read: {source}")]
     Io {
         /// The file.
         path: PathBuf,
@@ -61,9 +61,8 @@ pub enum ReadError {
     },
     /// The file holds nothing.
     #[error(
-        "{}: the file is empty: expected an MCAP recording; a logger that could not write anything \
-            leaves such a file",
-        path.display()
+        "{path}: the file is empty: expected an MCAP recording; a logger that could not write \
+         anything leaves such a file"
     )]
     Empty {
         /// The file.
@@ -71,8 +70,8 @@ pub enum ReadError {
     },
     /// Not an MCAP file.
     #[error(
-        "{}: not an MCAP file: expected it to begin with 89 4d 43 41 50 30 0d 0a, found {found}",
-        path.display()
+        "{path}: not an MCAP file: expected it to begin with 89 4d 43 41 50 30 0d 0a, found \
+         {found}"
     )]
     NotMcap {
         /// The file.
@@ -82,9 +81,8 @@ pub enum ReadError {
     },
     /// One chunk is damaged; the others can still be read.
     #[error(
-        "{}: damaged at byte {offset}: {source}; the messages of this chunk are lost, `farreach \
-            rec recover` keeps the others",
-        path.display()
+        "{path}: damaged at byte {offset}: {source}; the messages of this chunk are lost, \
+         `farreach rec recover` keeps the others"
     )]
     Damaged {
         /// The file.
@@ -95,7 +93,7 @@ pub enum ReadError {
         source: Box<mcap::McapError>,
     },
     /// No such topic in this file.
-    #[error("{}: no topic `{topic}`; it has {available}", path.display())]
+    #[error("{path}: no topic `{topic}`; it has {available}")]
     NoTopic {
         /// The file.
         path: PathBuf,
@@ -105,7 +103,7 @@ pub enum ReadError {
         available: String,
     },
     /// A message cannot be decoded.
-    #[error("{}: topic {topic}: {source}", path.display())]
+    #[error("{path}: topic {topic}: {source}")]
     Schema {
         /// The file.
         path: PathBuf,

@@ -8,9 +8,8 @@ use std::path::{Path, PathBuf};
 pub enum WriteError {
     /// A file of that name exists.
     #[error(
-        "{}: a file of that name exists; recordings are never overwritten: choose another name or \
-            move it away",
-        path.display()
+        "{path}: a file of that name exists; recordings are never overwritten: choose another name \
+         or move it away"
     )]
     Exists {
         /// The file.
@@ -18,9 +17,8 @@ pub enum WriteError {
     },
     /// The file could not be created.
     #[error(
-        "{}: cannot create the recording: {source}; check that the directory exists and is \
-            writable",
-        path.display()
+        "{path}: cannot create the recording: {source}; check that the directory exists and is \
+         writable"
     )]
     Create {
         /// The file.
@@ -30,9 +28,8 @@ pub enum WriteError {
     },
     /// The disk is full. The writer takes no more messages.
     #[error(
-        "{}: the disk is full; {refused} messages refused; what was flushed before stays readable: \
-            free some space and start a new recording",
-        path.display()
+        "{path}: the disk is full; {refused} messages refused; what was flushed before stays \
+         readable: free some space and start a new recording"
     )]
     DiskFull {
         /// The file.
@@ -42,9 +39,8 @@ pub enum WriteError {
     },
     /// The disk failed. The writer takes no more messages.
     #[error(
-        "{}: cannot write: {source}; {refused} messages refused; what was flushed before stays \
-            readable: start a new recording on another disk",
-        path.display()
+        "{path}: cannot write: {source}; {refused} messages refused; what was flushed before stays \
+         readable: start a new recording on another disk"
     )]
     Disk {
         /// The file.
@@ -56,9 +52,8 @@ pub enum WriteError {
     },
     /// An earlier error ended this recording.
     #[error(
-        "{}: the recording ended with an error ({cause}); {refused} messages refused since: start \
-            a new recording",
-        path.display()
+        "{path}: the recording ended with an error ({cause}); {refused} messages refused since: \
+         start a new recording"
     )]
     Poisoned {
         /// The file.
@@ -85,7 +80,7 @@ pub enum WriteError {
         found: usize,
     },
     /// The MCAP library refused.
-    #[error("{}: {source}", path.display())]
+    #[error("{path}: {source}")]
     Format {
         /// The file.
         path: PathBuf,

@@ -131,7 +131,7 @@ pub enum RecordError {
     #[error(transparent)]
     Recording(#[from] ReadError),
     /// What the file holds cannot be used.
-    #[error("{}: {problem}", file.display())]
+    #[error("{file}: {problem}")]
     Unusable {
         /// The file.
         file: PathBuf,
@@ -158,7 +158,7 @@ pub enum Problem {
     /// The first line is not a header.
     #[error(
         "row 1: expected a header with the columns' names, found {found}; put a line such as \
-            `t_s,motor_v,master_rad` first"
+         `t_s,motor_v,master_rad` first"
     )]
     NoHeader {
         /// What was found.
@@ -166,8 +166,8 @@ pub enum Problem {
     },
     /// Two columns have one name.
     #[error(
-        "row 1: column `{column}` occurs twice (columns {first} and {second}); rename or \
-            remove one"
+        "row 1: column `{column}` occurs twice (columns {first} and {second}); rename or remove \
+         one"
     )]
     DuplicateColumn {
         /// Its name.
@@ -197,8 +197,8 @@ pub enum Problem {
     },
     /// Time does not increase.
     #[error(
-        "row {row}, column `t_s`: expected a time after {before} s, found {after} s; sort the \
-            rows or remove the repeated ones"
+        "row {row}, column `t_s`: expected a time after {before} s, found {after} s; sort the rows \
+         or remove the repeated ones"
     )]
     TimeBackwards {
         /// Row.
@@ -210,9 +210,9 @@ pub enum Problem {
     },
     /// Samples are missing.
     #[error(
-        "row {row}, column `t_s`: {missing} samples are missing between {before} s and {after} \
-            s (sampling {sampling_s} s; {gaps} such gaps); cut the record there, or resample it \
-            where holes are short"
+        "row {row}, column `t_s`: {missing} samples are missing between {before} s and {after} s \
+         (sampling {sampling_s} s; {gaps} such gaps); cut the record there, or resample it where \
+         holes are short"
     )]
     Gap {
         /// Row after the first gap.
@@ -230,8 +230,8 @@ pub enum Problem {
     },
     /// Sampling is not uniform.
     #[error(
-        "row {row}, column `t_s`: expected steps of {expected_s} s within {tolerance_percent} \
-            %, found {found_s} s; resample the record uniformly"
+        "row {row}, column `t_s`: expected steps of {expected_s} s within {tolerance_percent} %, \
+         found {found_s} s; resample the record uniformly"
     )]
     NotUniform {
         /// Row.
@@ -254,7 +254,7 @@ pub enum Problem {
     /// Resampling to a rate that would invent rows, or drop most of them.
     #[error(
         "expected a rate between {least:.3} and {most:.3} Hz (rows come at {own:.3} Hz), found \
-            {found} Hz"
+         {found} Hz"
     )]
     Rate {
         /// Rate requested (Hz).
