@@ -18,7 +18,6 @@
 //! has been ready for [`HEALTHY_AFTER`], n starts from 0 again.
 
 mod exit;
-mod policy;
 #[cfg(test)]
 mod tests;
 
@@ -26,12 +25,14 @@ use std::collections::VecDeque;
 use std::time::Duration;
 
 pub use exit::Exit;
-pub use policy::{Policy, START_LIMIT};
 
-use crate::status::UnitState;
+use crate::status::{RigState, UnitState};
+use crate::units::Unit;
 
 /// Shortest pause before a restart (`RestartSec=`), well below the span of the card's FIFO.
 pub const RESTART_DELAY: Duration = Duration::from_millis(50);
+/// Starts allowed within [`START_LIMIT_INTERVAL`] (`StartLimitBurst=`).
+pub const START_LIMIT: usize = 10;
 /// Window in which starts are counted (`StartLimitIntervalSec=`).
 pub const START_LIMIT_INTERVAL: Duration = Duration::from_secs(20);
 /// Exit code of a wrong command line or rig file, which a restart cannot help
@@ -53,19 +54,6 @@ pub enum Action {
     AskToStop(usize),
     /// Send `SIGKILL`.
     Kill(usize),
-}
-
-/// Phase of the whole rig.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Phase {
-    /// Units are being started for the first time.
-    BringUp,
-    /// All units have been ready.
-    Up,
-    /// Units are being stopped.
-    Stopping,
-    /// No process is left.
-    Down,
 }
 
 /// Why the rig could not be brought up.
@@ -92,7 +80,11 @@ enum State {
 
 #[derive(Debug)]
 struct Slot {
-    policy: Policy,
+    unit: Unit,
+    /// indices of the units that start before it
+    after: Vec<usize>,
+    /// indices of those without which it must not start again
+    gates: Vec<usize>,
     state: State,
     restarts: u32,
     failed_starts: u32,
@@ -115,17 +107,25 @@ impl Slot {
 #[derive(Debug)]
 pub struct Lifecycle {
     slots: Vec<Slot>,
-    phase: Phase,
+    phase: RigState,
     failure: Option<Failure>,
+    start_limit: usize,
 }
 
 impl Lifecycle {
-    /// Returns the bring-up of units that are all inactive.
-    pub fn new(policies: Vec<Policy>) -> Self {
-        let slots = policies
-            .into_iter()
-            .map(|policy| Slot {
-                policy,
+    /// Returns the bring-up of units that are all inactive. Names of units that are not among them
+    /// do not count.
+    pub fn new(units: &[Unit]) -> Self {
+        let indices = |names: &[String]| {
+            let index = |name: &String| units.iter().position(|unit| unit.name == *name);
+            names.iter().filter_map(index).collect()
+        };
+        let slots = units
+            .iter()
+            .map(|unit| Slot {
+                unit: unit.clone(),
+                after: indices(&unit.after),
+                gates: indices(&unit.gates),
                 state: State::Inactive,
                 restarts: 0,
                 failed_starts: 0,
@@ -136,7 +136,7 @@ impl Lifecycle {
                 stop_killed: false,
             })
             .collect();
-        Self { slots, phase: Phase::BringUp, failure: None }
+        Self { slots, phase: RigState::Starting, failure: None, start_limit: START_LIMIT }
     }
 
     /// Adopts a living process. One that was not ready gets `TimeoutStartSec=` to become so; since
@@ -148,12 +148,12 @@ impl Lifecycle {
         slot.state = if was_ready {
             State::Ready { since: now, pinged: now }
         } else {
-            State::Starting { deadline: now + slot.policy.timeout_start }
+            State::Starting { deadline: now + slot.unit.timeout_start }
         };
     }
 
     /// Phase of the rig.
-    pub fn phase(&self) -> Phase {
+    pub fn phase(&self) -> RigState {
         self.phase
     }
 
@@ -221,10 +221,10 @@ impl Lifecycle {
     pub fn exited(&mut self, unit: usize, exit: Exit, now: Duration) {
         let slot = &mut self.slots[unit];
         match slot.state {
-            State::Stopping { then_start: true, .. } if self.phase != Phase::Stopping => {
+            State::Stopping { then_start: true, .. } if self.phase != RigState::Stopping => {
                 slot.state = State::BackOff { until: now };
             }
-            _ if self.phase == Phase::Stopping => slot.state = State::Inactive,
+            _ if self.phase == RigState::Stopping => slot.state = State::Inactive,
             State::Stopping { .. } => slot.state = State::Inactive,
             State::Killing { .. } => self.start_again(unit, now),
             State::Starting { .. } => {
@@ -244,7 +244,7 @@ impl Lifecycle {
                 let prevented = exit == Exit::Code(NO_RESTART);
                 if !exit.is_clean() && !prevented {
                     self.start_again(unit, now);
-                } else if prevented || self.phase == Phase::BringUp {
+                } else if prevented || self.phase == RigState::Starting {
                     // During bring-up, the units after it would wait for ever.
                     self.give_up(unit);
                 } else {
@@ -261,7 +261,7 @@ impl Lifecycle {
     /// # Errors
     /// If the rig is not up.
     pub fn restart(&mut self, unit: usize, now: Duration) -> Result<Vec<Action>, &'static str> {
-        if self.phase != Phase::Up {
+        if self.phase != RigState::Up {
             return Err("the rig is not up: it is being started or stopped");
         }
         let slot = &mut self.slots[unit];
@@ -272,7 +272,7 @@ impl Lifecycle {
         Ok(match slot.state {
             State::Ready { .. } | State::Starting { .. } => {
                 slot.state = State::Stopping {
-                    deadline: now + slot.policy.timeout_stop,
+                    deadline: now + slot.unit.timeout_stop,
                     killed: false,
                     then_start: true,
                 };
@@ -288,8 +288,8 @@ impl Lifecycle {
 
     /// Stops all units in the reverse of their start order.
     pub fn stop_all(&mut self) {
-        if self.phase != Phase::Down {
-            self.phase = Phase::Stopping;
+        if self.phase != RigState::Down {
+            self.phase = RigState::Stopping;
         }
     }
 
@@ -301,9 +301,9 @@ impl Lifecycle {
             self.enforce(unit, now, &mut actions);
         }
         match self.phase {
-            Phase::BringUp | Phase::Up => self.start_due(now, &mut actions),
-            Phase::Stopping => self.stop_due(now, &mut actions),
-            Phase::Down => {}
+            RigState::Starting | RigState::Up => self.start_due(now, &mut actions),
+            RigState::Stopping => self.stop_due(now, &mut actions),
+            RigState::Down | RigState::Abandoned => {}
         }
         actions
     }
@@ -313,10 +313,8 @@ impl Lifecycle {
         (0..self.slots.len())
             .filter_map(|unit| match self.slots[unit].state {
                 State::Starting { deadline } | State::Stopping { deadline, .. } => Some(deadline),
-                State::Killing { deadline } if self.phase == Phase::Stopping => Some(deadline),
-                State::Ready { pinged, .. } => {
-                    self.slots[unit].policy.watchdog.map(|watchdog| pinged + watchdog)
-                }
+                State::Killing { deadline } if self.phase == RigState::Stopping => Some(deadline),
+                State::Ready { pinged, .. } => Some(pinged + self.slots[unit].unit.watchdog),
                 State::BackOff { until } if self.gates_open(unit) || self.gates_ended(unit) => {
                     Some(until)
                 }
@@ -327,27 +325,23 @@ impl Lifecycle {
 
     /// Kills a process past its deadline.
     fn enforce(&mut self, unit: usize, now: Duration, actions: &mut Vec<Action>) {
-        let stopping = self.phase == Phase::Stopping;
+        let stopping = self.phase == RigState::Stopping;
         let slot = &mut self.slots[unit];
         match slot.state {
             State::Starting { deadline } if now >= deadline && !stopping => {
                 slot.failed_starts += 1;
                 slot.reason =
-                    Some(format!("it was not ready within {:?}", slot.policy.timeout_start));
-                slot.state = State::Killing { deadline: now + slot.policy.timeout_stop };
+                    Some(format!("it was not ready within {:?}", slot.unit.timeout_start));
+                slot.state = State::Killing { deadline: now + slot.unit.timeout_stop };
                 actions.push(Action::Kill(unit));
             }
-            State::Ready { since, pinged } if !stopping => {
-                let Some(watchdog) =
-                    slot.policy.watchdog.filter(|watchdog| now >= pinged + *watchdog)
-                else {
-                    return;
-                };
+            State::Ready { since, pinged } if !stopping && now >= pinged + slot.unit.watchdog => {
+                let watchdog = slot.unit.watchdog;
                 if now.saturating_sub(since) >= HEALTHY_AFTER.max(watchdog * 2) {
                     slot.back_off_steps = 0;
                 }
                 slot.reason = Some(format!("its watchdog was silent for {watchdog:?}"));
-                slot.state = State::Killing { deadline: now + slot.policy.timeout_stop };
+                slot.state = State::Killing { deadline: now + slot.unit.timeout_stop };
                 actions.push(Action::Kill(unit));
             }
             State::Stopping { deadline, killed, then_start } if now >= deadline => {
@@ -356,7 +350,7 @@ impl Lifecycle {
                 } else {
                     slot.stop_killed = true;
                     slot.state = State::Stopping {
-                        deadline: now + slot.policy.timeout_stop,
+                        deadline: now + slot.unit.timeout_stop,
                         killed: true,
                         then_start,
                     };
@@ -374,7 +368,7 @@ impl Lifecycle {
             if !matches!(self.slots[unit].state, State::BackOff { until } if now >= until) {
                 continue;
             }
-            for gate in self.slots[unit].policy.gates.clone() {
+            for gate in self.slots[unit].gates.clone() {
                 if matches!(self.slots[gate].state, State::Inactive) {
                     self.slots[gate].state = State::BackOff { until: now };
                 }
@@ -383,13 +377,13 @@ impl Lifecycle {
     }
 
     fn start_due(&mut self, now: Duration, actions: &mut Vec<Action>) {
-        if self.phase == Phase::Up {
+        if self.phase == RigState::Up {
             self.start_gates(now);
         }
         for unit in 0..self.slots.len() {
             let due = match self.slots[unit].state {
-                State::Inactive if self.phase == Phase::BringUp => {
-                    self.slots[unit].policy.after.iter().all(|&before| self.is_ready(before))
+                State::Inactive if self.phase == RigState::Starting => {
+                    self.slots[unit].after.iter().all(|&before| self.is_ready(before))
                 }
                 State::BackOff { until } => now >= until && self.gates_open(unit),
                 _ => false,
@@ -400,11 +394,12 @@ impl Lifecycle {
             let slot = &mut self.slots[unit];
             slot.restarts += u32::from(!matches!(slot.state, State::Inactive));
             slot.starts.push_back(now);
-            slot.state = State::Starting { deadline: now + slot.policy.timeout_start };
+            slot.state = State::Starting { deadline: now + slot.unit.timeout_start };
             actions.push(Action::Start(unit));
         }
-        if self.phase == Phase::BringUp && (0..self.slots.len()).all(|unit| self.is_ready(unit)) {
-            self.phase = Phase::Up;
+        if self.phase == RigState::Starting && (0..self.slots.len()).all(|unit| self.is_ready(unit))
+        {
+            self.phase = RigState::Up;
         }
     }
 
@@ -417,14 +412,13 @@ impl Lifecycle {
         for unit in 0..self.slots.len() {
             let running =
                 matches!(self.slots[unit].state, State::Starting { .. } | State::Ready { .. });
-            let blocked = (0..self.slots.len()).any(|later| {
-                self.slots[later].policy.after.contains(&unit) && self.has_process(later)
-            });
+            let blocked = (0..self.slots.len())
+                .any(|later| self.slots[later].after.contains(&unit) && self.has_process(later));
             if running && !blocked {
                 let slot = &mut self.slots[unit];
                 slot.stop_asked = Some(now);
                 slot.state = State::Stopping {
-                    deadline: now + slot.policy.timeout_stop,
+                    deadline: now + slot.unit.timeout_stop,
                     killed: false,
                     then_start: false,
                 };
@@ -432,7 +426,7 @@ impl Lifecycle {
             }
         }
         if !(0..self.slots.len()).any(|unit| self.has_process(unit)) {
-            self.phase = Phase::Down;
+            self.phase = RigState::Down;
         }
     }
 
@@ -445,34 +439,30 @@ impl Lifecycle {
     }
 
     fn gates_open(&self, unit: usize) -> bool {
-        self.slots[unit].policy.gates.iter().all(|&gate| self.is_ready(gate))
+        self.slots[unit].gates.iter().all(|&gate| self.is_ready(gate))
     }
 
     /// Whether a gate exited cleanly and must be started again.
     fn gates_ended(&self, unit: usize) -> bool {
-        self.slots[unit]
-            .policy
-            .gates
-            .iter()
-            .any(|&gate| matches!(self.slots[gate].state, State::Inactive))
+        let ended = |gate: &usize| matches!(self.slots[*gate].state, State::Inactive);
+        self.slots[unit].gates.iter().any(ended)
     }
 
     /// Schedules the next start, or gives up.
     fn start_again(&mut self, unit: usize, now: Duration) {
-        let bring_up = self.phase == Phase::BringUp;
+        let bring_up = self.phase == RigState::Starting;
         let slot = &mut self.slots[unit];
-        if self.phase == Phase::Stopping || self.phase == Phase::Down {
+        if self.phase == RigState::Stopping || self.phase == RigState::Down {
             slot.state = State::Inactive;
             return;
         }
-        let policy = &slot.policy;
         let pause = RESTART_DELAY.saturating_mul(1 << slot.back_off_steps.min(16));
         let until = now + pause.min(BACK_OFF_CAP);
         slot.starts.retain(|&start| start + START_LIMIT_INTERVAL > until);
-        let limited = slot.starts.len() >= policy.start_limit as usize;
+        let starts = self.start_limit;
+        let limited = slot.starts.len() >= starts;
         if limited {
             let last = slot.reason.take().unwrap_or_default();
-            let starts = policy.start_limit;
             slot.reason = Some(format!(
                 "started {starts} times within {START_LIMIT_INTERVAL:?}, the limit; last: {last}"
             ));
@@ -488,13 +478,13 @@ impl Lifecycle {
     fn give_up(&mut self, unit: usize) {
         let slot = &mut self.slots[unit];
         slot.state = State::Failed;
-        if self.phase == Phase::BringUp {
+        if self.phase == RigState::Starting {
             self.failure = Some(Failure {
                 unit,
                 reason: slot.reason.clone().unwrap_or_default(),
                 attempts: slot.failed_starts.max(1),
             });
-            self.phase = Phase::Stopping;
+            self.phase = RigState::Stopping;
         }
     }
 }

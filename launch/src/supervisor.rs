@@ -14,13 +14,12 @@ use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 
 use crate::control_socket::{Answer, ControlServer, Request};
 use crate::identity::has_ended;
-use crate::lifecycle::{Action, Exit, Lifecycle, Phase, Policy};
+use crate::lifecycle::{Action, Lifecycle};
 use crate::log::{self, Journal};
 use crate::notify::{Notification, NotifySocket};
 use crate::process::{self, Process};
 use crate::run_dir::StartError;
-use crate::status::{StopReport, UnitState, UnitStop, unix_ms};
-use crate::units::Unit;
+use crate::status::{RigState, Status, StopReport, UnitState, UnitStatus, UnitStop, unix_ms};
 use crate::{Config, Error, ProcessIdentity, RunDir, Scheduling, boot_id};
 
 /// `status.json` is written at least this often.
@@ -88,33 +87,20 @@ pub(crate) fn prepare(config: &Config, run_dir: &RunDir) -> Result<File, Error> 
     Ok(lock)
 }
 
-/// One unit with its process.
-struct Supervised {
-    unit: Unit,
-    process: Option<Process>,
-    adopted: bool,
-    state: UnitState,
-    since_unix_ms: u64,
-    last_exit: Option<Exit>,
-    scheduling: Option<Scheduling>,
-    status_text: Option<String>,
-}
-
 pub(crate) struct Supervisor {
     config: Config,
     run_dir: RunDir,
     /// Held for as long as this lives.
     _lock: OwnedFd,
     origin: Instant,
-    identity: ProcessIdentity,
-    boot_id: String,
-    since_unix_ms: u64,
     lifecycle: Lifecycle,
-    units: Vec<Supervised>,
+    /// As it is written; its units are those of the configuration.
+    status: Status,
+    /// By unit.
+    processes: Vec<Option<Process>>,
     notify: NotifySocket,
     control: ControlServer,
     journal: Journal,
-    cause: Option<String>,
     /// Whether it was asked to stop before all units had been ready.
     aborted: bool,
     stopped: Vec<UnitStop>,
@@ -127,27 +113,24 @@ pub(crate) struct Supervisor {
 impl Supervisor {
     /// Opens the sockets and adopts the processes that an earlier launcher left alive.
     pub(crate) fn open(config: Config, run_dir: &RunDir, lock: OwnedFd) -> Result<Self, Error> {
-        let units = config.units.clone();
         let identity = ProcessIdentity::own().ok_or_else(|| {
             Error::system("read /proc/self/stat", std::io::Error::other("/proc is not there"))
         })?;
         let pid_line = format!("{} {}\n", identity.pid, identity.start_time);
         run_dir.write(&run_dir.launcher_pid(), pid_line.as_bytes())?;
         let mut supervisor = Self {
-            lifecycle: Lifecycle::new(Policy::of(&units)),
-            units: units
-                .into_iter()
-                .map(|unit| Supervised {
-                    unit,
-                    process: None,
-                    adopted: false,
-                    state: UnitState::Inactive,
-                    since_unix_ms: unix_ms(),
-                    last_exit: None,
-                    scheduling: None,
-                    status_text: None,
-                })
-                .collect(),
+            lifecycle: Lifecycle::new(&config.units),
+            status: Status {
+                rig_name: config.rig_name.clone(),
+                state: RigState::Starting,
+                cause: None,
+                launcher: identity,
+                boot_id: boot_id(),
+                since_unix_ms: unix_ms(),
+                updated_unix_ms: unix_ms(),
+                units: config.units.iter().map(|unit| inactive(&unit.name, run_dir)).collect(),
+            },
+            processes: config.units.iter().map(|_| None).collect(),
             notify: NotifySocket::bind(&run_dir.notify_socket())?,
             control: ControlServer::bind(&run_dir.control_socket())?,
             journal: Journal::new(run_dir.launcher_log(), config.foreground)?,
@@ -155,10 +138,6 @@ impl Supervisor {
             run_dir: run_dir.clone(),
             _lock: lock,
             origin: Instant::now(),
-            identity,
-            boot_id: boot_id(),
-            since_unix_ms: unix_ms(),
-            cause: None,
             aborted: false,
             stopped: Vec::new(),
             strays: Vec::new(),
@@ -166,9 +145,8 @@ impl Supervisor {
             status_unwritten: false,
             rotated: Duration::ZERO,
         };
-        supervisor
-            .journal
-            .say(&format!("launcher of rig {}, {identity}", supervisor.config.rig_name));
+        let greeting = format!("launcher of rig {}, {identity}", supervisor.config.rig_name);
+        supervisor.journal.say(&greeting);
         supervisor.adopt()?;
         supervisor.write_status();
         Ok(supervisor)
@@ -214,32 +192,30 @@ impl Supervisor {
         let earlier = self.run_dir.last_status()?;
         for status in earlier.into_iter().flat_map(|status| status.units) {
             let Some(process) = status.process.and_then(Process::adopt) else { continue };
-            let Some(index) =
-                self.units.iter().position(|supervised| supervised.unit.name == status.name)
-            else {
-                continue;
-            };
-            let supervised = &mut self.units[index];
+            let Some(index) = self.index_of(&status.name) else { continue };
             self.lifecycle.adopt(index, status.state == UnitState::Ready, status.restarts, now);
             self.journal.say(&format!("{}: adopted {}", status.name, process.identity));
-            supervised.scheduling = Some(Scheduling::read(&supervised.unit, process.identity.pid));
-            supervised.process = Some(process);
-            supervised.adopted = true;
-            supervised.state = self.lifecycle.state(index);
-            supervised.since_unix_ms = status.since_unix_ms;
-            supervised.status_text = status.status_text;
+            let own = &mut self.status.units[index];
+            own.scheduling =
+                Some(Scheduling::read(&self.config.units[index], process.identity.pid));
+            own.adopted = true;
+            own.state = self.lifecycle.state(index);
+            own.since_unix_ms = status.since_unix_ms;
+            own.status_text = status.status_text;
+            self.processes[index] = Some(process);
         }
         self.end_strays();
         Ok(())
     }
 
+    fn index_of(&self, name: &str) -> Option<usize> {
+        self.config.units.iter().position(|unit| unit.name == name)
+    }
+
     /// Kills processes with this rig's environment that no unit knows.
     fn end_strays(&mut self) {
         for (unit, identity) in process::find(&self.run_dir) {
-            let known = self
-                .units
-                .iter()
-                .any(|supervised| supervised.unit.name == unit && supervised.process.is_some());
+            let known = self.index_of(&unit).is_some_and(|index| self.processes[index].is_some());
             if !known && identity.signal(Signal::KILL) {
                 self.journal.say(&format!("{unit}: {identity} is unknown to the launcher: killed"));
                 self.strays.push(identity);
@@ -257,17 +233,14 @@ impl Supervisor {
                 self.perform(action);
             }
             if self.lifecycle.phase() != phase {
-                self.journal.say(&format!(
-                    "rig {}: {:?}",
-                    self.config.rig_name,
-                    self.lifecycle.phase()
-                ));
+                let phase = self.lifecycle.phase();
+                self.journal.say(&format!("rig {}: {phase:?}", self.config.rig_name));
             }
             let changed = self.follow_states() || acted || self.lifecycle.phase() != phase;
             if changed || self.written.is_none_or(|written| self.now() >= written + STATUS_PERIOD) {
                 self.write_status();
             }
-            if self.lifecycle.phase() == Phase::Down {
+            if self.lifecycle.phase() == RigState::Down {
                 return self.finish();
             }
             if acted {
@@ -281,8 +254,8 @@ impl Supervisor {
             self.receive_requests();
             if self.now() >= self.rotated + ROTATE_PERIOD {
                 self.rotated = self.now();
-                for supervised in &self.units {
-                    let _ = log::rotate(&self.run_dir.log(&supervised.unit.name), log::LIMIT);
+                for unit in &self.status.units {
+                    let _ = log::rotate(&unit.log, log::LIMIT);
                 }
             }
         }
@@ -291,21 +264,18 @@ impl Supervisor {
     fn perform(&mut self, action: Action) {
         match action {
             Action::Start(index) => {
-                let supervised = &mut self.units[index];
-                supervised.adopted = false;
-                supervised.status_text = None;
-                match Process::start(&supervised.unit, &self.config, &self.run_dir) {
+                let unit = &self.config.units[index];
+                let status = &mut self.status.units[index];
+                status.adopted = false;
+                status.status_text = None;
+                match Process::start(unit, &self.config, &self.run_dir) {
                     Ok(process) => {
-                        self.journal.say(&format!(
-                            "{}: started, {}",
-                            supervised.unit.name, process.identity
-                        ));
-                        supervised.scheduling =
-                            Some(Scheduling::read(&supervised.unit, process.identity.pid));
-                        supervised.process = Some(process);
+                        self.journal.say(&format!("{}: started, {}", unit.name, process.identity));
+                        status.scheduling = Some(Scheduling::read(unit, process.identity.pid));
+                        self.processes[index] = Some(process);
                     }
                     Err(error) => {
-                        self.journal.say(&format!("{}: {error}", supervised.unit.name));
+                        self.journal.say(&format!("{}: {error}", unit.name));
                         let now = self.now();
                         self.lifecycle.start_refused(index, error.to_string(), now);
                     }
@@ -315,17 +285,15 @@ impl Supervisor {
                 self.write_status();
             }
             Action::AskToStop(index) => {
-                let supervised = &self.units[index];
-                self.journal.say(&format!("{}: asked to stop", supervised.unit.name));
-                if let Some(process) = &supervised.process {
+                self.journal.say(&format!("{}: asked to stop", self.config.units[index].name));
+                if let Some(process) = &self.processes[index] {
                     process.ask_to_stop();
                 }
             }
             Action::Kill(index) => {
-                let supervised = &self.units[index];
                 let why = self.lifecycle.reason(index).unwrap_or("it did not stop in time");
-                self.journal.say(&format!("{}: killed: {why}", supervised.unit.name));
-                if let Some(process) = &supervised.process {
+                self.journal.say(&format!("{}: killed: {why}", self.config.units[index].name));
+                if let Some(process) = &self.processes[index] {
                     process.kill();
                 }
             }
@@ -342,11 +310,10 @@ impl Supervisor {
         let left = due.saturating_sub(now) + Duration::from_millis(1);
         let timeout =
             Timespec::try_from(left).unwrap_or(Timespec { tv_sec: 0, tv_nsec: 100_000_000 });
-        let processes = self.units.iter().filter_map(|supervised| supervised.process.as_ref());
         let mut handles: Vec<PollFd<'_>> = std::iter::once(self.notify.as_fd())
             .chain(signals.map(AsFd::as_fd))
             .chain(self.control.handles())
-            .chain(processes.map(Process::handle))
+            .chain(self.processes.iter().flatten().map(Process::handle))
             .map(|handle| PollFd::from_borrowed_fd(handle, PollFlags::IN))
             .collect();
         match poll(&mut handles, Some(&timeout)) {
@@ -365,9 +332,8 @@ impl Supervisor {
 
     fn receive_notifications(&mut self) {
         while let Some((pid, notifications)) = self.notify.receive() {
-            let sender = self.units.iter().position(|supervised| {
-                supervised.process.as_ref().is_some_and(|process| process.identity.pid == pid)
-            });
+            let is_sender = |process: &Process| process.identity.pid == pid;
+            let sender = self.processes.iter().position(|of| of.as_ref().is_some_and(is_sender));
             // NotifyAccess=main: messages of other processes are ignored.
             let Some(index) = sender else { continue };
             let now = self.now();
@@ -375,36 +341,34 @@ impl Supervisor {
                 match notification {
                     Notification::Ready => {
                         self.lifecycle.ready(index, now);
-                        let supervised = &mut self.units[index];
-                        supervised.scheduling = Some(Scheduling::read(&supervised.unit, pid));
+                        self.status.units[index].scheduling =
+                            Some(Scheduling::read(&self.config.units[index], pid));
                     }
                     Notification::KeepAlive => {
-                        self.lifecycle.ping(index, self.units[index].adopted, now)
+                        self.lifecycle.ping(index, self.status.units[index].adopted, now)
                     }
-                    Notification::Status(text) => self.units[index].status_text = Some(text),
+                    Notification::Status(text) => self.status.units[index].status_text = Some(text),
                 }
             }
         }
     }
 
     fn reap(&mut self) {
-        for index in 0..self.units.len() {
-            let Some(process) = &self.units[index].process else { continue };
-            if !has_ended(process.handle()) {
-                continue;
-            }
-            let Some(process) = self.units[index].process.take() else { continue };
+        for index in 0..self.processes.len() {
+            let ended = |process: &mut Process| has_ended(process.handle());
+            let Some(process) = self.processes[index].take_if(ended) else { continue };
             let exit = process.exit();
             let now = self.now();
             self.lifecycle.exited(index, exit, now);
-            let supervised = &mut self.units[index];
-            supervised.last_exit = Some(exit);
-            supervised.scheduling = None;
-            self.journal.say(&format!("{}: ended: {exit}", supervised.unit.name));
-            if self.lifecycle.phase() == Phase::Stopping {
+            let unit = &mut self.status.units[index];
+            unit.last_exit = Some(exit.to_string());
+            unit.scheduling = None;
+            unit.adopted = false;
+            self.journal.say(&format!("{}: ended: {exit}", unit.name));
+            if self.lifecycle.phase() == RigState::Stopping {
                 let (asked, killed) = self.lifecycle.stop_of(index).unwrap_or((now, false));
                 self.stopped.push(UnitStop {
-                    name: supervised.unit.name.clone(),
+                    name: unit.name.clone(),
                     exit: Some(exit.to_string()),
                     killed,
                     took_ms: u64::try_from(now.saturating_sub(asked).as_millis())
@@ -418,7 +382,10 @@ impl Supervisor {
         for (client, request) in self.control.receive() {
             let answer = match request {
                 Err(reason) => Answer::Refused { reason },
-                Ok(Request::Status) => Answer::Status { status: Box::new(self.status()) },
+                Ok(Request::Status) => {
+                    self.refresh_status();
+                    Answer::Status { status: Box::new(self.status.clone()) }
+                }
                 Ok(Request::Stop) => {
                     self.stop_all("a request to stop");
                     Answer::Done
@@ -430,10 +397,9 @@ impl Supervisor {
     }
 
     fn restart(&mut self, name: &str) -> Answer {
-        let Some(index) = self.units.iter().position(|supervised| supervised.unit.name == name)
-        else {
+        let Some(index) = self.index_of(name) else {
             let known: Vec<&str> =
-                self.units.iter().map(|supervised| supervised.unit.name.as_str()).collect();
+                self.config.units.iter().map(|unit| unit.name.as_str()).collect();
             return Answer::Refused {
                 reason: format!("no unit `{name}`; there are: {}", known.join(", ")),
             };
@@ -451,12 +417,28 @@ impl Supervisor {
     }
 
     fn stop_all(&mut self, cause: &str) {
-        if self.cause.is_none() {
+        if self.status.cause.is_none() {
             self.journal.say(&format!("stopping: {cause}"));
-            let aborted = self.lifecycle.phase() == Phase::BringUp;
-            self.cause = Some(cause.to_owned());
-            self.aborted |= aborted;
+            self.status.cause = Some(cause.to_owned());
+            self.aborted |= self.lifecycle.phase() == RigState::Starting;
         }
         self.lifecycle.stop_all();
+    }
+}
+
+/// The status of a unit that has not been started.
+fn inactive(name: &str, run_dir: &RunDir) -> UnitStatus {
+    UnitStatus {
+        name: name.to_owned(),
+        state: UnitState::Inactive,
+        process: None,
+        adopted: false,
+        since_unix_ms: unix_ms(),
+        restarts: 0,
+        last_exit: None,
+        restart_reason: None,
+        scheduling: None,
+        status_text: None,
+        log: run_dir.log(name),
     }
 }

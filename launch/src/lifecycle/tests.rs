@@ -1,22 +1,36 @@
 use super::*;
+use crate::units::SchedulingPolicy;
 
 const MS: Duration = Duration::from_millis(1);
 
-/// keeper <- control (gated by keeper) <- watchdog (gated by keeper, after control).
-fn policies() -> Vec<Policy> {
-    let plain = Policy {
-        after: vec![],
-        gates: vec![],
+/// Longer than every test: a watchdog that is not watched.
+const UNWATCHED: Duration = Duration::from_secs(1_000_000);
+
+fn unit(name: &str, after: &[&str], gates: &[&str], watchdog: Duration) -> Unit {
+    let names = |names: &[&str]| names.iter().map(|&name| name.to_owned()).collect();
+    Unit {
+        name: name.to_owned(),
+        after: names(after),
+        gates: names(gates),
         timeout_start: 100 * MS,
         timeout_stop: 30 * MS,
-        watchdog: Some(20 * MS),
-        start_limit: u32::MAX,
-    };
-    vec![
-        Policy { watchdog: None, ..plain.clone() },
-        Policy { after: vec![0], gates: vec![0], ..plain.clone() },
-        Policy { after: vec![0, 1], gates: vec![0], watchdog: None, ..plain },
-    ]
+        watchdog,
+        scheduling: SchedulingPolicy::Other,
+        limit_rtprio: None,
+        locks_memory: false,
+        oom_score_adjust: None,
+    }
+}
+
+/// keeper <- control (gated by keeper) <- watchdog (gated by keeper, after control).
+fn lifecycle() -> Lifecycle {
+    let mut lifecycle = Lifecycle::new(&[
+        unit("keeper", &[], &[], UNWATCHED),
+        unit("control", &["keeper"], &["keeper"], 20 * MS),
+        unit("watchdog", &["keeper", "control"], &["keeper"], UNWATCHED),
+    ]);
+    lifecycle.start_limit = usize::MAX;
+    lifecycle
 }
 
 const KEEPER: usize = 0;
@@ -24,14 +38,14 @@ const CONTROL: usize = 1;
 const WATCHDOG: usize = 2;
 
 fn up() -> Lifecycle {
-    let mut lifecycle = Lifecycle::new(policies());
+    let mut lifecycle = lifecycle();
     for unit in [KEEPER, CONTROL, WATCHDOG] {
         assert_eq!(lifecycle.tick(Duration::ZERO), [Action::Start(unit)]);
-        assert_eq!(lifecycle.phase(), Phase::BringUp);
+        assert_eq!(lifecycle.phase(), RigState::Starting);
         lifecycle.ready(unit, Duration::ZERO);
     }
     assert_eq!(lifecycle.tick(Duration::ZERO), []);
-    assert_eq!(lifecycle.phase(), Phase::Up);
+    assert_eq!(lifecycle.phase(), RigState::Up);
     lifecycle
 }
 
@@ -75,7 +89,7 @@ fn a_clean_end_is_not_restarted_and_exit_code_2_is_given_up() {
     lifecycle.exited(CONTROL, Exit::Code(2), MS);
     assert_eq!(lifecycle.tick(Duration::from_secs(60)), []);
     assert_eq!(lifecycle.state(CONTROL), UnitState::Failed);
-    assert_eq!(lifecycle.phase(), Phase::Up, "the others run on");
+    assert_eq!(lifecycle.phase(), RigState::Up, "the others run on");
 }
 
 #[test]
@@ -135,12 +149,12 @@ fn what_outlives_its_kill_is_not_waited_for_when_all_is_stopped() {
     assert!(lifecycle.reason(CONTROL).unwrap().contains("outlived"));
     lifecycle.exited(KEEPER, Exit::Code(0), 51 * MS);
     assert_eq!(lifecycle.tick(51 * MS), []);
-    assert_eq!(lifecycle.phase(), Phase::Down);
+    assert_eq!(lifecycle.phase(), RigState::Down);
 }
 
 #[test]
 fn a_start_that_hangs_is_killed_and_tried_again_then_all_is_stopped() {
-    let mut lifecycle = Lifecycle::new(policies());
+    let mut lifecycle = lifecycle();
     let mut now = Duration::ZERO;
     assert_eq!(lifecycle.tick(now), [Action::Start(KEEPER)]);
     lifecycle.ready(KEEPER, now);
@@ -157,7 +171,7 @@ fn a_start_that_hangs_is_killed_and_tried_again_then_all_is_stopped() {
     assert_eq!(lifecycle.tick(now), [Action::AskToStop(KEEPER)]);
     lifecycle.exited(KEEPER, Exit::Code(0), now);
     assert_eq!(lifecycle.tick(now), []);
-    assert_eq!(lifecycle.phase(), Phase::Down);
+    assert_eq!(lifecycle.phase(), RigState::Down);
 }
 
 #[test]
@@ -178,15 +192,14 @@ fn stopped_in_the_reverse_order_and_killed_when_they_do_not_respond() {
     );
     assert_eq!(lifecycle.tick(63 * MS), [Action::Kill(KEEPER)]);
     assert_eq!(lifecycle.tick(93 * MS), [], "it hangs in the kernel: not waited for");
-    assert_eq!(lifecycle.phase(), Phase::Down);
+    assert_eq!(lifecycle.phase(), RigState::Down);
     assert_eq!(lifecycle.state(KEEPER), UnitState::Failed);
 }
 
 #[test]
 fn a_storm_of_restarts_is_limited_until_a_person_asks() {
-    let mut policies = policies();
-    policies[CONTROL].start_limit = 3;
-    let mut lifecycle = Lifecycle::new(policies);
+    let mut lifecycle = lifecycle();
+    lifecycle.start_limit = 3;
     let mut now = Duration::ZERO;
     for unit in [KEEPER, CONTROL, WATCHDOG] {
         lifecycle.tick(now);
@@ -209,10 +222,9 @@ fn a_storm_of_restarts_is_limited_until_a_person_asks() {
 
 #[test]
 fn starts_long_ago_do_not_count_as_a_storm() {
-    let mut policies = policies();
-    policies[CONTROL].start_limit = 2;
-    policies[CONTROL].watchdog = None;
-    let mut lifecycle = Lifecycle::new(policies);
+    let mut lifecycle = lifecycle();
+    lifecycle.start_limit = 2;
+    lifecycle.slots[CONTROL].unit.watchdog = UNWATCHED;
     let mut now = Duration::ZERO;
     for unit in [KEEPER, CONTROL, WATCHDOG] {
         lifecycle.tick(now);
@@ -241,7 +253,7 @@ fn a_restart_that_was_asked_for_stops_first() {
 
 #[test]
 fn the_adopted_are_not_started_and_the_missing_are() {
-    let mut lifecycle = Lifecycle::new(policies());
+    let mut lifecycle = lifecycle();
     lifecycle.adopt(KEEPER, true, 4, Duration::ZERO);
     lifecycle.adopt(CONTROL, false, 0, Duration::ZERO);
     assert_eq!(lifecycle.tick(MS), [], "the watchdog waits for control");
@@ -249,7 +261,7 @@ fn the_adopted_are_not_started_and_the_missing_are() {
     assert_eq!(lifecycle.tick(2 * MS), [Action::Start(WATCHDOG)]);
     lifecycle.ready(WATCHDOG, 3 * MS);
     lifecycle.tick(3 * MS);
-    assert_eq!(lifecycle.phase(), Phase::Up);
+    assert_eq!(lifecycle.phase(), RigState::Up);
     assert_eq!(lifecycle.restarts(KEEPER), 4);
     lifecycle.exited(KEEPER, Exit::Unknown, 4 * MS);
     assert_eq!(lifecycle.tick(54 * MS).first(), Some(&Action::Kill(CONTROL)), "silent since 2 ms");
@@ -258,7 +270,7 @@ fn the_adopted_are_not_started_and_the_missing_are() {
 
 #[test]
 fn a_process_that_was_not_adopted_is_not_ready_by_a_ping() {
-    let mut lifecycle = Lifecycle::new(policies());
+    let mut lifecycle = lifecycle();
     lifecycle.tick(Duration::ZERO);
     lifecycle.ping(KEEPER, false, MS);
     assert_eq!(lifecycle.state(KEEPER), UnitState::Starting);
@@ -266,12 +278,12 @@ fn a_process_that_was_not_adopted_is_not_ready_by_a_ping() {
 
 #[test]
 fn stopping_while_starting_stops_what_runs() {
-    let mut lifecycle = Lifecycle::new(policies());
+    let mut lifecycle = lifecycle();
     lifecycle.tick(Duration::ZERO);
     lifecycle.stop_all();
     assert_eq!(lifecycle.tick(MS), [Action::AskToStop(KEEPER)]);
     lifecycle.exited(KEEPER, Exit::Signal(15), 2 * MS);
     lifecycle.tick(2 * MS);
-    assert_eq!(lifecycle.phase(), Phase::Down);
+    assert_eq!(lifecycle.phase(), RigState::Down);
     assert_eq!(lifecycle.failure(), None);
 }
