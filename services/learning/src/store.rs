@@ -57,51 +57,19 @@ pub enum StoreError {
         /// What was found.
         found: String,
     },
-    /// Learnt on another rig, or on this one before its rig file was changed.
-    #[error(
-        "learnt on another rig: expected \"{expected_name}\" with the rig file of identity \
-         {expected:016x}, found \"{found_name}\" with {found:016x}; learn anew on this rig"
-    )]
-    OtherRig {
-        /// Identity of the rig at hand.
-        expected: u64,
-        /// Its name.
-        expected_name: String,
-        /// Identity in the file.
-        found: u64,
-        /// Name in the file.
-        found_name: String,
-    },
-    /// Of another axis.
-    #[error(
-        "learnt for another axis: expected axis {expected}, found {found}; choose that axis's file"
-    )]
-    OtherAxis {
-        /// Axis at hand.
-        expected: u32,
-        /// Axis in the file.
-        found: u32,
-    },
-    /// For another movement.
-    #[error(
-        "learnt for another movement: expected {expected}, found {found}; learn anew, or use the \
-         movement of the file"
-    )]
-    OtherMovement {
-        /// Movement at hand.
+    /// Learnt on another rig (or on this one before its rig file was changed), for another axis or
+    /// movement, or at another rate.
+    #[error("learnt {scope}: expected {expected}, found {found}; {advice}")]
+    OtherScope {
+        /// What differs: `on another rig`, `for another axis`, `at another rate`, `for another
+        /// movement`.
+        scope: &'static str,
+        /// What is at hand.
         expected: String,
-        /// Movement in the file.
+        /// What the file says.
         found: String,
-    },
-    /// Learnt at another rate.
-    #[error(
-        "learnt at another rate: expected {expected} Hz, found {found} Hz; learn anew at this rate"
-    )]
-    OtherRate {
-        /// Rate of control at hand (Hz).
-        expected: u32,
-        /// Rate in the file (Hz).
-        found: u32,
+        /// What to do.
+        advice: &'static str,
     },
     /// A file operation failed.
     #[error("{path}: cannot {doing}: {source}")]
@@ -116,6 +84,10 @@ pub enum StoreError {
 }
 
 impl ReferenceScope {
+    fn rig(&self) -> String {
+        format!("\"{}\" with the rig file of identity {:016x}", self.rig_name, self.rig)
+    }
+
     fn movement(&self) -> String {
         let feedforward = if self.feedforward { "with" } else { "without" };
         let Self { amplitude, centre, period_s, .. } = self;
@@ -197,33 +169,29 @@ impl LearntReference {
     /// Whether it belongs to that machine and movement.
     ///
     /// # Errors
-    /// [`StoreError::OtherRig`] to [`StoreError::OtherRate`].
+    /// [`StoreError::OtherScope`].
     pub fn fits(&self, scope: &ReferenceScope) -> Result<(), StoreError> {
         let own = &self.scope;
-        if own.rig != scope.rig {
-            return Err(StoreError::OtherRig {
-                expected: scope.rig,
-                expected_name: scope.rig_name.clone(),
-                found: own.rig,
-                found_name: own.rig_name.clone(),
-            });
-        }
-        if own.axis != scope.axis {
-            return Err(StoreError::OtherAxis { expected: scope.axis, found: own.axis });
-        }
-        if own.rate_hz != scope.rate_hz {
-            return Err(StoreError::OtherRate { expected: scope.rate_hz, found: own.rate_hz });
-        }
         let near = |a: f64, b: f64| (a - b).abs() < 1e-9;
-        let same = near(own.period_s, scope.period_s)
+        let same_movement = near(own.period_s, scope.period_s)
             && near(own.amplitude, scope.amplitude)
             && near(own.centre, scope.centre)
             && own.feedforward == scope.feedforward;
-        if !same {
-            let (expected, found) = (scope.movement(), own.movement());
-            return Err(StoreError::OtherMovement { expected, found });
-        }
-        Ok(())
+        let (differs, text, advice): (_, fn(&ReferenceScope) -> String, _) = if own.rig != scope.rig
+        {
+            ("on another rig", ReferenceScope::rig, "learn anew on this rig")
+        } else if own.axis != scope.axis {
+            ("for another axis", |of| format!("axis {}", of.axis), "choose that axis's file")
+        } else if own.rate_hz != scope.rate_hz {
+            ("at another rate", |of| format!("{} Hz", of.rate_hz), "learn anew at this rate")
+        } else if !same_movement {
+            let advice = "learn anew, or use the movement of the file";
+            ("for another movement", ReferenceScope::movement, advice)
+        } else {
+            return Ok(());
+        };
+        let (expected, found) = (text(scope), text(own));
+        Err(StoreError::OtherScope { scope: differs, expected, found, advice })
     }
 
     fn check(&self) -> Result<(), StoreError> {

@@ -9,54 +9,11 @@ use ipc_types::{CDR_HEADER, Field, Message, Primitive, Value};
 use re_ros_msg::MessageSchema;
 use re_ros_msg::message_spec::{ArraySize, BuiltInType, Type};
 
-/// Why a message of a recording cannot be decoded.
+/// Why a message of a recording cannot be decoded: its schema is not written in `ros2msg`, cannot
+/// be parsed, or has a field that is no number; or the payload is not little-endian CDR, or short.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum SchemaError {
-    /// The schema is not written in `ros2msg`.
-    #[error("schema {name}: expected encoding ros2msg, found {found}")]
-    Encoding {
-        /// Name of the schema.
-        name: String,
-        /// Encoding that it declares.
-        found: String,
-    },
-    /// The text is not valid `ros2msg`.
-    #[error("schema {name}: {what}")]
-    Text {
-        /// Name of the schema.
-        name: String,
-        /// What the parser reports.
-        what: String,
-    },
-    /// A field of a type that this reader does not support.
-    #[error(
-        "schema {name}, field {field}: expected a number or a fixed array of numbers, found \
-         {found}: nested, text and variable types are not supported"
-    )]
-    Field {
-        /// Name of the schema.
-        name: String,
-        /// Name of the field.
-        field: String,
-        /// Its type.
-        found: String,
-    },
-    /// A payload that is not little-endian CDR, or too short.
-    #[error(
-        "schema {name}: expected little-endian CDR of {expected} bytes, found {found} bytes \
-         beginning with {start:02x?}"
-    )]
-    Payload {
-        /// Name of the schema.
-        name: String,
-        /// Size by the schema, header included (bytes).
-        expected: usize,
-        /// Size found (bytes).
-        found: usize,
-        /// First bytes.
-        start: Vec<u8>,
-    },
-}
+#[error("schema {0}")]
+pub struct SchemaError(String);
 
 /// One field of a recorded message; offsets count from behind the CDR header.
 pub type LayoutField = Field<String>;
@@ -79,25 +36,23 @@ impl Layout {
     /// Reads a schema.
     ///
     /// # Errors
-    /// [`SchemaError::Encoding`], [`SchemaError::Text`], [`SchemaError::Field`].
+    /// [`SchemaError`].
     pub fn parse(name: &str, encoding: &str, text: &str) -> Result<Self, SchemaError> {
         if encoding != "ros2msg" {
-            return Err(SchemaError::Encoding {
-                name: name.to_owned(),
-                found: encoding.to_owned(),
-            });
+            let text = format!("{name}: expected encoding ros2msg, found {encoding}");
+            return Err(SchemaError(text));
         }
-        let schema = MessageSchema::parse(name, text).map_err(|error| SchemaError::Text {
-            name: name.to_owned(),
-            what: format!("{error:#}"),
-        })?;
+        let schema = MessageSchema::parse(name, text)
+            .map_err(|error| SchemaError(format!("{name}: {error:#}")))?;
         let mut fields = Vec::with_capacity(schema.spec.fields.len());
         let mut size = 0usize;
         for field in schema.spec.fields {
-            let unsupported = || SchemaError::Field {
-                name: name.to_owned(),
-                field: field.name.clone(),
-                found: format!("{:?}", field.ty),
+            let unsupported = || {
+                SchemaError(format!(
+                    "{name}, field {}: expected a number or a fixed array of numbers, found {:?}: \
+                     nested, text and variable types are not supported",
+                    field.name, field.ty
+                ))
             };
             let (base, array) = match &field.ty {
                 Type::Array { ty, size: ArraySize::Fixed(length) } => (ty.as_ref(), Some(*length)),
@@ -133,15 +88,16 @@ impl Layout {
     /// The message within a CDR payload.
     ///
     /// # Errors
-    /// [`SchemaError::Payload`] where the header differs or bytes are missing.
+    /// [`SchemaError`] where the header differs or bytes are missing.
     pub fn body<'a>(&self, payload: &'a [u8]) -> Result<&'a [u8], SchemaError> {
         payload.strip_prefix(&CDR_HEADER).and_then(|body| body.get(..self.size)).ok_or_else(|| {
-            SchemaError::Payload {
-                name: self.name.clone(),
-                expected: CDR_HEADER.len() + self.size,
-                found: payload.len(),
-                start: payload.iter().take(4).copied().collect(),
-            }
+            SchemaError(format!(
+                "{}: expected little-endian CDR of {} bytes, found {} bytes beginning with {:02x?}",
+                self.name,
+                CDR_HEADER.len() + self.size,
+                payload.len(),
+                &payload[..payload.len().min(4)],
+            ))
         })
     }
 
@@ -264,7 +220,8 @@ mod tests {
             let error = Layout::parse("x", "ros2msg", text).unwrap_err().to_string();
             assert!(error.starts_with("schema x") && error.contains(expected), "{text}: {error}");
         }
-        assert!(matches!(Layout::parse("x", "protobuf", ""), Err(SchemaError::Encoding { .. })));
+        let error = Layout::parse("x", "protobuf", "").unwrap_err().to_string();
+        assert_eq!(error, "schema x: expected encoding ros2msg, found protobuf");
     }
 
     #[test]

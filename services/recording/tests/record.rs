@@ -194,7 +194,7 @@ fn lost_samples_are_refused_or_masked_and_absent_channels_left_out() {
     let axis = SampleColumns { axis: 1, ..columns };
     assert!(matches!(
         from_mcap(&path, &axis, &Options::default()),
-        Err(RecordError::Unusable { problem: Problem::Axis { .. }, .. })
+        Err(RecordError::Unusable { problem, .. }) if problem.starts_with("axis 1: ")
     ));
 }
 

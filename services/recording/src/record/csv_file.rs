@@ -11,7 +11,8 @@ use super::{Draft, Mapping, Options, Problem, Record, RecordError, TIME};
 /// # Errors
 /// [`RecordError`]: the first problem, with row and column.
 pub fn from_csv(path: &Path, options: &Options) -> Result<Record, RecordError> {
-    let file = File::open(path).map_err(|error| Problem::Io(error).of(path))?;
+    let file =
+        File::open(path).map_err(|error| Problem(format!("cannot read: {error}")).of(path))?;
     from_csv_text(path, file, options)
 }
 
@@ -32,7 +33,12 @@ fn draft(text: impl Read, mapping: &[Mapping]) -> Result<Draft, Problem> {
     let mut reader =
         csv::ReaderBuilder::new().has_headers(false).trim(csv::Trim::All).from_reader(text);
     let mut row = csv::StringRecord::new();
-    let no_header = |found: String| Problem::NoHeader { found };
+    let no_header = |found: String| {
+        Problem(format!(
+            "row 1: expected a header with the columns' names, found {found}; put a line such as \
+             `t_s,motor_v,master_rad` first"
+        ))
+    };
     if !reader.read_record(&mut row)? {
         return Err(no_header("an empty file".to_owned()));
     }
@@ -46,13 +52,16 @@ fn draft(text: impl Read, mapping: &[Mapping]) -> Result<Draft, Problem> {
             return Err(no_header(format!("no name for column {}", second + 1)));
         }
         if let Some(first) = names[..second].iter().position(|earlier| earlier == name) {
-            let (column, first, second) = (name.clone(), first + 1, second + 1);
-            return Err(Problem::DuplicateColumn { column, first, second });
+            let (first, second) = (first + 1, second + 1);
+            return Err(Problem(format!(
+                "row 1: column `{name}` occurs twice (columns {first} and {second}); rename or \
+                 remove one"
+            )));
         }
     }
     let factors = mapped(&mut names, mapping)?;
     let Some(time) = names.iter().position(|name| name == TIME) else {
-        return Err(Problem::MissingColumn { column: TIME.to_owned(), found: names.join(", ") });
+        return Err(Problem::missing_column(TIME, &names.join(", ")));
     };
     let mut values: Vec<Vec<f64>> = vec![Vec::new(); names.len()];
     let mut rows = Vec::new();
@@ -63,7 +72,7 @@ fn draft(text: impl Read, mapping: &[Mapping]) -> Result<Draft, Problem> {
             let Some(value) = value else {
                 let found =
                     if cell.is_empty() { "an empty cell".to_owned() } else { format!("`{cell}`") };
-                return Err(Problem::Cell { row: line, column: names[index].clone(), found });
+                return Err(Problem::cell(line, &names[index], &found));
             };
             values[index].push(factors[index] * value);
         }
@@ -80,8 +89,7 @@ fn mapped(names: &mut [String], mapping: &[Mapping]) -> Result<Vec<f64>, Problem
     let mut places = Vec::new();
     for one in mapping {
         let Some(at) = names.iter().position(|name| *name == one.source) else {
-            let found = names.join(", ");
-            return Err(Problem::MissingColumn { column: one.source.clone(), found });
+            return Err(Problem::missing_column(&one.source, &names.join(", ")));
         };
         places.push((at, one));
     }
@@ -101,14 +109,14 @@ impl From<csv::Error> for Problem {
     fn from(error: csv::Error) -> Self {
         let row = error.position().map_or(1, csv::Position::line);
         let what = match error.into_kind() {
-            csv::ErrorKind::Io(source) => return Self::Io(source),
+            csv::ErrorKind::Io(source) => return Self(format!("cannot read: {source}")),
             csv::ErrorKind::UnequalLengths { expected_len, len, .. } => {
                 format!("expected {expected_len} cells as in the header, found {len}")
             }
             csv::ErrorKind::Utf8 { .. } => "text that is not UTF-8".to_owned(),
             _ => "cannot be read".to_owned(),
         };
-        Self::Table { row, what }
+        Self(format!("row {row}: not a CSV table: {what}"))
     }
 }
 

@@ -25,11 +25,7 @@ impl<'a> Steps<'a> {
         let steps = Self { time_s, rows, steps, median };
         match steps.steps.iter().position(|step| step.is_nan() || *step <= 0.0) {
             None => Ok(steps),
-            Some(at) => Err(Problem::TimeBackwards {
-                row: steps.row(at + 1),
-                before: time_s[at],
-                after: time_s[at + 1],
-            }),
+            Some(at) => Err(Problem::time_backwards(steps.row(at + 1), time_s[at], time_s[at + 1])),
         }
     }
 
@@ -49,14 +45,16 @@ impl<'a> Steps<'a> {
     /// Refuses gaps.
     pub(super) fn refuse(&self, gaps: &[usize]) -> Result<(), Problem> {
         let Some(&at) = gaps.first() else { return Ok(()) };
-        Err(Problem::Gap {
-            row: self.row(at + 1),
-            before: self.time_s[at],
-            after: self.time_s[at + 1],
-            missing: self.missing(at),
-            sampling_s: self.median,
-            gaps: gaps.len(),
-        })
+        Err(Problem(format!(
+            "row {}, column `t_s`: {} samples are missing between {} s and {} s (sampling {} s; \
+             {} such gaps); cut the record there, or resample it where holes are short",
+            self.row(at + 1),
+            self.missing(at),
+            self.time_s[at],
+            self.time_s[at + 1],
+            self.median,
+            gaps.len(),
+        )))
     }
 }
 
@@ -83,12 +81,12 @@ pub(super) fn uniform(
         steps.steps.iter().enumerate().take(kept.end.saturating_sub(1)).skip(kept.start);
     for (at, &step) in kept_steps {
         if (step - median).abs() > options.time_tolerance * median {
-            return Err(Problem::NotUniform {
-                row: row(at + 1),
-                expected_s: median,
-                found_s: step,
-                tolerance_percent: options.time_tolerance * 100.0,
-            });
+            return Err(Problem(format!(
+                "row {}, column `t_s`: expected steps of {median} s within {} %, found {step} s; \
+                 resample the record uniformly",
+                row(at + 1),
+                options.time_tolerance * 100.0,
+            )));
         }
     }
     let span = time_s[kept.end - 1] - time_s[kept.start];

@@ -53,7 +53,7 @@ impl FromStr for Mapping {
 impl Mapping {
     /// What is wrong with the column's source.
     pub(super) fn problem(&self, what: String) -> Problem {
-        Problem::Mapping { mapping: format!("{}={}", self.column, self.source), what }
+        Problem(format!("column mapped by {}={}: {what}", self.column, self.source))
     }
 }
 

@@ -15,7 +15,6 @@ mod samples;
 mod topics;
 
 use std::collections::BTreeMap;
-use std::io;
 use std::path::{Path, PathBuf};
 
 pub use csv_file::{from_csv, from_csv_text, write_csv};
@@ -60,11 +59,11 @@ impl Record {
     /// One column that is required.
     ///
     /// # Errors
-    /// [`Problem::MissingColumn`].
+    /// [`RecordError::Unusable`] where the record has no such column.
     pub fn need(&self, name: &str) -> Result<&[f64], RecordError> {
         self.column(name).ok_or_else(|| {
             let found = self.columns.keys().cloned().collect::<Vec<_>>().join(", ");
-            Problem::MissingColumn { column: name.to_owned(), found }.of(Path::new(&self.name))
+            Problem::missing_column(name, &found).of(Path::new(&self.name))
         })
     }
 }
@@ -135,159 +134,40 @@ pub enum RecordError {
     Unusable {
         /// The file.
         file: PathBuf,
-        /// Why.
-        problem: Problem,
+        /// Why, with row and column.
+        problem: String,
     },
 }
 
-/// Why a record cannot be used. Rows are lines of a CSV file (the header is line 1), or samples of
-/// a recording, from 1.
-#[derive(Debug, thiserror::Error)]
-pub enum Problem {
-    /// The file cannot be read.
-    #[error("cannot read: {0}")]
-    Io(#[from] io::Error),
-    /// Not a table.
-    #[error("row {row}: not a CSV table: {what}")]
-    Table {
-        /// Row.
-        row: u64,
-        /// The reader's error.
-        what: String,
-    },
-    /// The first line is not a header.
-    #[error(
-        "row 1: expected a header with the columns' names, found {found}; put a line such as \
-         `t_s,motor_v,master_rad` first"
-    )]
-    NoHeader {
-        /// What was found.
-        found: String,
-    },
-    /// Two columns have one name.
-    #[error(
-        "row 1: column `{column}` occurs twice (columns {first} and {second}); rename or remove \
-         one"
-    )]
-    DuplicateColumn {
-        /// Its name.
-        column: String,
-        /// First place, from 1.
-        first: usize,
-        /// Second place, from 1.
-        second: usize,
-    },
-    /// A required column is missing.
-    #[error("column `{column}` is missing; found {found}")]
-    MissingColumn {
-        /// Its name.
-        column: String,
-        /// What was found.
-        found: String,
-    },
-    /// A cell that is not a finite number.
-    #[error("row {row}, column `{column}`: expected a finite number, found {found}")]
-    Cell {
-        /// Row.
-        row: u64,
-        /// Column.
-        column: String,
-        /// What was found.
-        found: String,
-    },
-    /// Time does not increase.
-    #[error(
-        "row {row}, column `t_s`: expected a time after {before} s, found {after} s; sort the rows \
-         or remove the repeated ones"
-    )]
-    TimeBackwards {
-        /// Row.
-        row: u64,
-        /// Time in the row before (s).
-        before: f64,
-        /// Time in this row (s).
-        after: f64,
-    },
-    /// Samples are missing.
-    #[error(
-        "row {row}, column `t_s`: {missing} samples are missing between {before} s and {after} s \
-         (sampling {sampling_s} s; {gaps} such gaps); cut the record there, or resample it where \
-         holes are short"
-    )]
-    Gap {
-        /// Row after the first gap.
-        row: u64,
-        /// Time before it (s).
-        before: f64,
-        /// Time after it (s).
-        after: f64,
-        /// Samples missing there.
-        missing: u64,
-        /// Sampling time (s).
-        sampling_s: f64,
-        /// Number of gaps in the record.
-        gaps: usize,
-    },
-    /// Sampling is not uniform.
-    #[error(
-        "row {row}, column `t_s`: expected steps of {expected_s} s within {tolerance_percent} %, \
-         found {found_s} s; resample the record uniformly"
-    )]
-    NotUniform {
-        /// Row.
-        row: u64,
-        /// Median step (s).
-        expected_s: f64,
-        /// Step found (s).
-        found_s: f64,
-        /// Tolerance (%).
-        tolerance_percent: f64,
-    },
-    /// A mapped column cannot be read from its source.
-    #[error("column mapped by {mapping}: {what}")]
-    Mapping {
-        /// The mapping as given.
-        mapping: String,
-        /// What is wrong.
-        what: String,
-    },
-    /// Resampling to a rate that would invent rows, or drop most of them.
-    #[error(
-        "expected a rate between {least:.3} and {most:.3} Hz (rows come at {own:.3} Hz), found \
-         {found} Hz"
-    )]
-    Rate {
-        /// Rate requested (Hz).
-        found: f64,
-        /// Least (Hz).
-        least: f64,
-        /// Greatest (Hz).
-        most: f64,
-        /// Rate of the rows themselves (Hz).
-        own: f64,
-    },
-    /// Not enough rows.
-    #[error("expected at least {expected} rows, found {found}")]
-    TooFewRows {
-        /// Fewest.
-        expected: usize,
-        /// What was found.
-        found: usize,
-    },
-    /// The recording has no such axis, or none of its channels.
-    #[error("axis {axis}: {what}")]
-    Axis {
-        /// Axis, from 0.
-        axis: usize,
-        /// What is wrong.
-        what: String,
-    },
-}
+/// Why a record cannot be used, in words. Rows are lines of a CSV file (the header is line 1), or
+/// samples of a recording, from 1.
+#[derive(Debug)]
+struct Problem(String);
 
 impl Problem {
     /// The error that names the file.
     fn of(self, file: &Path) -> RecordError {
-        RecordError::Unusable { file: file.to_owned(), problem: self }
+        RecordError::Unusable { file: file.to_owned(), problem: self.0 }
+    }
+
+    fn missing_column(column: &str, found: &str) -> Self {
+        Self(format!("column `{column}` is missing; found {found}"))
+    }
+
+    fn too_few_rows(expected: usize, found: usize) -> Self {
+        Self(format!("expected at least {expected} rows, found {found}"))
+    }
+
+    fn cell(row: u64, column: &str, found: &str) -> Self {
+        Self(format!("row {row}, column `{column}`: expected a finite number, found {found}"))
+    }
+
+    /// Times in s.
+    fn time_backwards(row: u64, before: f64, after: f64) -> Self {
+        Self(format!(
+            "row {row}, column `t_s`: expected a time after {before} s, found {after} s; sort the \
+             rows or remove the repeated ones"
+        ))
     }
 }
 
@@ -309,22 +189,19 @@ impl Draft {
                 } else {
                     self.columns.keys().cloned().collect::<Vec<_>>().join(", ")
                 };
-                return Err(Problem::MissingColumn { column: name.clone(), found });
+                return Err(Problem::missing_column(name, &found));
             }
         }
         for (name, values) in std::iter::once((TIME, &self.time_s))
             .chain(self.columns.iter().map(|(n, v)| (n.as_str(), v)))
         {
             if let Some(at) = values.iter().position(|value| !value.is_finite()) {
-                return Err(Problem::Cell {
-                    row: self.rows.get(at).copied().unwrap_or(0),
-                    column: name.to_owned(),
-                    found: values[at].to_string(),
-                });
+                let row = self.rows.get(at).copied().unwrap_or(0);
+                return Err(Problem::cell(row, name, &values[at].to_string()));
             }
         }
         let enough = |found| match found < options.rows_min.max(2) {
-            true => Err(Problem::TooFewRows { expected: options.rows_min, found }),
+            true => Err(Problem::too_few_rows(options.rows_min, found)),
             false => Ok(()),
         };
         enough(self.time_s.len())?;

@@ -25,7 +25,7 @@ impl Track {
     /// Checks that time increases from row to row and has no gap.
     fn check(&self) -> Result<(), Problem> {
         if self.time_s.len() < 3 {
-            return Err(Problem::TooFewRows { expected: 3, found: self.time_s.len() });
+            return Err(Problem::too_few_rows(3, self.time_s.len()));
         }
         let steps = Steps::new(&self.time_s, &self.rows)?;
         steps.refuse(&steps.gaps(|step, median| step > GAP * median))
@@ -57,7 +57,7 @@ impl Track {
 /// of the fastest.
 ///
 /// # Errors
-/// [`Problem::TooFewRows`], [`Problem::TimeBackwards`], [`Problem::Gap`], [`Problem::Rate`].
+/// Too few rows, times that do not increase, gaps, a rate that would invent rows or drop most.
 pub(super) fn on_one_grid(tracks: &[Track], hz: Option<f64>) -> Result<Draft, Problem> {
     for track in tracks {
         track.check()?;
@@ -66,7 +66,10 @@ pub(super) fn on_one_grid(tracks: &[Track], hz: Option<f64>) -> Result<Draft, Pr
     let hz = hz.unwrap_or(own_hz);
     if !(RATES.0 * own_hz..=RATES.1 * own_hz).contains(&hz) {
         let (least, most) = (RATES.0 * own_hz, RATES.1 * own_hz);
-        return Err(Problem::Rate { found: hz, least, most, own: own_hz });
+        return Err(Problem(format!(
+            "expected a rate between {least:.3} and {most:.3} Hz (rows come at {own_hz:.3} Hz), \
+             found {hz} Hz"
+        )));
     }
     let start = tracks
         .iter()
@@ -77,7 +80,7 @@ pub(super) fn on_one_grid(tracks: &[Track], hz: Option<f64>) -> Result<Draft, Pr
     // A last row that is missed only by rounding counts.
     let count = ((end - start) * hz + 1e-6).floor() + 1.0;
     if count.is_nan() || count < 3.0 {
-        return Err(Problem::TooFewRows { expected: 3, found: count.max(0.0) as usize });
+        return Err(Problem::too_few_rows(3, count.max(0.0) as usize));
     }
     let time_s: Vec<f64> = (0..count as usize).map(|row| start + row as f64 / hz).collect();
     let columns = tracks
@@ -165,7 +168,7 @@ mod tests {
     #[test]
     fn gaps_and_rates_that_would_invent_rows_are_refused() {
         let refuse = |time_s: Vec<f64>, hz| {
-            on_one_grid(&[track(time_s, "a", f64::sin)], hz).err().unwrap().to_string()
+            on_one_grid(&[track(time_s, "a", f64::sin)], hz).err().unwrap().0
         };
         let even = |row: i32| f64::from(row) * 1e-3;
         let gap = (0..50).map(|row| even(if row < 30 { row } else { row + 4 })).collect();

@@ -93,13 +93,13 @@ pub fn from_recording(
     options: &Options,
 ) -> Result<Record, RecordError> {
     let file = recording.path();
-    let wrong = |what: String| Problem::Axis { axis: columns.axis, what }.of(file);
+    let wrong = |what: String| Problem(format!("axis {}: {what}", columns.axis)).of(file);
     if columns.axis >= AXES {
         return Err(wrong(format!("expected an axis below {AXES}")));
     }
     let (mut samples, repeated) = distinct_samples(recording)?;
     let Some((_, first)) = samples.first().copied() else {
-        return Err(Problem::TooFewRows { expected: options.rows_min, found: 0 }.of(file));
+        return Err(Problem::too_few_rows(options.rows_min, 0).of(file));
     };
     if columns.axis >= usize::from(first.axes) {
         return Err(wrong(format!("the recording has {} axes", first.axes)));
@@ -144,7 +144,7 @@ pub fn from_recording(
                 Some(ticks) => Ok(ticks as f64 * period_s),
                 None => {
                     let after = -((first.tick - sample.tick) as f64) * period_s;
-                    Err(Problem::TimeBackwards { row: *row, before: 0.0, after }.of(file))
+                    Err(Problem::time_backwards(*row, 0.0, after).of(file))
                 }
             })
             .collect::<Result<_, _>>()?
