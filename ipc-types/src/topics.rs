@@ -32,12 +32,6 @@ pub struct Topic {
     pub buffer: usize,
     /// Messages that a late subscriber still gets.
     pub history: usize,
-    /// Most publishers: one wanted, two that died a moment ago and are not yet cleaned up.
-    pub publishers: usize,
-    /// Most subscribers.
-    pub subscribers: usize,
-    /// Whether the logger records it.
-    pub recorded: bool,
     /// Bytes of one message.
     pub size: usize,
     /// Type name in shared memory.
@@ -73,9 +67,10 @@ impl<T: Message> TypedTopic<T> {
     }
 }
 
-/// Publishers wanted, and two more for those that died a moment ago.
-const PUBLISHERS: usize = 3;
-const SUBSCRIBERS: usize = 16;
+/// Most publishers of a topic: one wanted, two that died a moment ago and are not yet cleaned up.
+pub const PUBLISHERS: usize = 3;
+/// Most subscribers of a topic.
+pub const SUBSCRIBERS: usize = 16;
 
 const fn topic<T: Message>(
     name: &'static str,
@@ -91,9 +86,6 @@ const fn topic<T: Message>(
             rate,
             buffer,
             history,
-            publishers: PUBLISHERS,
-            subscribers: SUBSCRIBERS,
-            recorded: true,
             size: size_of::<T>(),
             type_name: T::TYPE_NAME,
             ros_name: T::ROS_NAME,

@@ -302,10 +302,7 @@ impl Logger {
         for (index, (subscriber, topic)) in self.topics.iter_mut().zip(TOPICS).enumerate() {
             let recorder = &mut self.recorder;
             let mut push = |bytes: &[u8]| {
-                // Topics that are not recorded are read and dropped.
-                if topic.recorded {
-                    recorder.push(index, bytes);
-                }
+                recorder.push(index, bytes);
                 ended |= topic.type_name == Event::TYPE_NAME && ends_run(bytes);
             };
             for _ in 0..topic.buffer {

@@ -5,7 +5,9 @@ use iceoryx2::port::subscriber::Subscriber as LibrarySubscriber;
 use iceoryx2::port::update_connections::UpdateConnections;
 use iceoryx2::port::{ReceiveError, SendError};
 use iceoryx2::prelude::*;
-use ipc_types::{Message, SequenceTracker, Topic, TypeVisitor, TypedTopic, visit_type};
+use ipc_types::{
+    Message, PUBLISHERS, SUBSCRIBERS, SequenceTracker, Topic, TypeVisitor, TypedTopic, visit_type,
+};
 use thiserror::Error;
 
 use crate::clock::now_ns;
@@ -48,7 +50,7 @@ fn open<T: Message>(node: &Node<ipc::Service>, topic: &Topic) -> Result<Service<
 
 /// Messages for which a publisher's segment has room, as the library reckons it.
 pub(crate) const fn messages_in_segment(topic: &Topic) -> usize {
-    topic.subscribers * (topic.buffer + BORROWED) + topic.history + 1
+    SUBSCRIBERS * (topic.buffer + BORROWED) + topic.history + 1
 }
 
 /// Does something with the message type of a topic.
@@ -87,8 +89,8 @@ impl TypeVisitor for Hold<'_> {
             .node
             .service_builder(&service_name(topic)?)
             .publish_subscribe::<T>()
-            .max_publishers(topic.publishers)
-            .max_subscribers(topic.subscribers)
+            .max_publishers(PUBLISHERS)
+            .max_subscribers(SUBSCRIBERS)
             .max_nodes(NODES)
             .subscriber_max_buffer_size(topic.buffer)
             .subscriber_max_borrowed_samples(BORROWED)

@@ -1,6 +1,7 @@
 //! What the logger publishes: events, heartbeats, loss counters, its measurement of the clock.
 
 use ipc_types::{ClockSync, EventKind, Heartbeat, Process, Severity, TOPICS};
+use recording::mcap_write::Summary;
 use runtime::PortError;
 use runtime::clock::ClockPair;
 
@@ -10,51 +11,43 @@ use crate::recorder_front_end::Outcome;
 impl Logger {
     /// Passes on a report of the writer thread: as an event, and as the answer to the request.
     pub(super) fn outcome(&mut self, outcome: Outcome) -> Result<(), PortError> {
-        let (kind, severity, values, text) = match &outcome {
-            Outcome::Started { path } => (
-                EventKind::RecordingStarted,
-                Severity::Info,
-                [0.0; 3],
-                ending_of(&path.to_string_lossy()).to_owned(),
-            ),
-            Outcome::Stopped(summary) => {
-                let lost = self.recorder.status().lost;
-                let text = ending_of(&summary.path.to_string_lossy()).to_owned();
-                let values = [summary.written as f64, lost as f64, summary.bytes as f64];
-                (EventKind::RecordingStopped, Severity::Info, values, text)
+        let status = self.recorder.status();
+        let (written, lost) = (status.written as f64, status.lost as f64);
+        let (kind, severity, values) = match &outcome {
+            Outcome::Started { .. } => (EventKind::RecordingStarted, Severity::Info, [0.0; 3]),
+            Outcome::NotStarted { .. } => (EventKind::RecordingStopped, Severity::Error, [0.0; 3]),
+            Outcome::Stopped(Summary { written, bytes, .. }) => {
+                let values = [*written as f64, lost, *bytes as f64];
+                (EventKind::RecordingStopped, Severity::Info, values)
             }
-            Outcome::StoppedWithError { error, refused } => {
-                let written = self.recorder.status().written as f64;
-                (
-                    EventKind::RecordingStopped,
-                    Severity::Error,
-                    [written, *refused as f64, 0.0],
-                    error.clone(),
-                )
+            Outcome::StoppedWithError { refused, .. } => {
+                let values = [written, *refused as f64, 0.0];
+                (EventKind::RecordingStopped, Severity::Error, values)
             }
-            Outcome::Failed { error } => (
-                EventKind::DataLost,
-                Severity::Error,
-                [self.recorder.status().lost as f64, 0.0, 0.0],
-                error.clone(),
-            ),
-            Outcome::NotStarted { error } => {
-                (EventKind::RecordingStopped, Severity::Error, [0.0; 3], error.clone())
+            Outcome::Failed { .. } => (EventKind::DataLost, Severity::Error, [lost, 0.0, 0.0]),
+            Outcome::StateNotKept { .. } => {
+                (EventKind::RecordingStarted, Severity::Warning, [0.0; 3])
             }
-            Outcome::StateNotKept { error } => {
-                (EventKind::RecordingStarted, Severity::Warning, [0.0; 3], error.clone())
+        };
+        let text = match &outcome {
+            Outcome::Started { path } | Outcome::Stopped(Summary { path, .. }) => {
+                ending_of(&path.to_string_lossy()).to_owned()
             }
+            Outcome::NotStarted { error }
+            | Outcome::Failed { error }
+            | Outcome::StoppedWithError { error, .. }
+            | Outcome::StateNotKept { error } => error.clone(),
         };
         self.service.event(kind, severity, values, &text)?;
         let reply = match &outcome {
             Outcome::Started { .. } | Outcome::NotStarted { .. } => self.start_reply.take(),
-            Outcome::Stopped(_) | Outcome::StoppedWithError { .. } => self.stop_reply.take(),
+            Outcome::Stopped(_) | Outcome::StoppedWithError { .. } => {
+                // What the last flush refused is in the counters by now.
+                self.publish_counts()?;
+                self.stop_reply.take()
+            }
             Outcome::Failed { .. } | Outcome::StateNotKept { .. } => None,
         };
-        if let Outcome::Stopped(_) | Outcome::StoppedWithError { .. } = &outcome {
-            // What the last flush refused is in the counters by now.
-            self.publish_counts()?;
-        }
         if let Some(reply) = reply {
             let _ = reply.send(self.recorder.status());
         }
