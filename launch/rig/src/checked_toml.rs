@@ -14,7 +14,6 @@ use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
 use crate::error::{FileError, Problem};
-pub(crate) use values::NumberOrSection;
 
 /// A file's text, the lines of its keys, and the problems found so far.
 pub(crate) struct Source<'a> {
@@ -89,15 +88,16 @@ impl<'a> Source<'a> {
         self.lines.borrow().contains_key(key)
     }
 
-    /// Reports a problem with a key that was read before.
+    /// Reports a problem with a key that was read before; returns false, for a check to return.
     pub(crate) fn problem(
         &self,
         key: &str,
         expected: impl Display,
         found: impl Display,
         advice: impl Display,
-    ) {
+    ) -> bool {
         self.problem_on(self.line_of(key), key, expected, found, advice);
+        false
     }
 
     fn problem_on(
@@ -263,6 +263,18 @@ impl<'s> Section<'s> {
         let name = self.table.and_then(|table| table.get_key_value(key)).map(|(name, _)| name);
         let line = name.map_or(self.line, |name| self.source.line(name.span().start));
         self.source.problem_on(line, &self.path(key), expected, found, advice);
+    }
+
+    /// As [`Self::problem`]; returns `None`, for a reader to return.
+    pub(crate) fn refuse<T>(
+        &self,
+        key: &str,
+        expected: impl Display,
+        found: impl Display,
+        advice: impl Display,
+    ) -> Option<T> {
+        self.problem(key, expected, found, advice);
+        None
     }
 
     /// A section within this one; empty where it is not in the file.

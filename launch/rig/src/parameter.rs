@@ -1,6 +1,6 @@
 //! Declared parameters: value, tolerance, source.
 
-use crate::checked_toml::{Keys, NumberOrSection, Section, bounds};
+use crate::checked_toml::{Keys, Section, bounds};
 
 /// A declared parameter of a model.
 #[derive(Clone, Debug, PartialEq)]
@@ -61,34 +61,28 @@ impl Parameter {
     }
 
     fn read(table: &Section<'_>, name: String) -> Self {
-        let value = bounds(f64::MIN, f64::MAX, "");
-        match table.number_or_section(&name, value) {
-            NumberOrSection::Number(value) => Self {
-                name,
-                value,
-                tolerance: TOLERANCE,
-                tolerance_absolute: None,
-                source: ParameterSource::Assumed,
-            },
-            NumberOrSection::Section(section) => {
-                section.document("[model.parameters] and [axes.model], each entry", KEYS);
-                let fraction =
-                    bounds(0.0, 1.0, "a tolerance is a fraction of the value: write 5 % as 0.05");
-                let absolute = bounds(0.0, f64::MAX, "half the interval, in the parameter's unit");
-                let assumed = ParameterSource::Assumed;
-                let parameter = Self {
-                    name,
-                    value: section.number("value", value),
-                    tolerance: section.number_or("tolerance", TOLERANCE, fraction),
-                    tolerance_absolute: section.number_or_none("tolerance_absolute", absolute),
-                    source: section.word_or("source", ParameterSource::WORDS, assumed),
-                };
-                if section.has("tolerance") && section.has("tolerance_absolute") {
-                    let advice = "keep the fraction, or the absolute one for a value near 0";
-                    section.problem("tolerance_absolute", "one tolerance", "two", advice);
-                }
-                parameter
-            }
+        let any = bounds(f64::MIN, f64::MAX, "");
+        let assumed = ParameterSource::Assumed;
+        if !table.holds_section(&name) {
+            let (value, tolerance) = (table.number(&name, any), TOLERANCE);
+            return Self { name, value, tolerance, tolerance_absolute: None, source: assumed };
         }
+        let section = table.section(&name);
+        section.document("[model.parameters] and [axes.model], each entry", KEYS);
+        let fraction =
+            bounds(0.0, 1.0, "a tolerance is a fraction of the value: write 5 % as 0.05");
+        let absolute = bounds(0.0, f64::MAX, "half the interval, in the parameter's unit");
+        let parameter = Self {
+            name,
+            value: section.number("value", any),
+            tolerance: section.number_or("tolerance", TOLERANCE, fraction),
+            tolerance_absolute: section.number_or_none("tolerance_absolute", absolute),
+            source: section.word_or("source", ParameterSource::WORDS, assumed),
+        };
+        if section.has("tolerance") && section.has("tolerance_absolute") {
+            let advice = "keep the fraction, or the absolute one for a value near 0";
+            section.problem("tolerance_absolute", "one tolerance", "two", advice);
+        }
+        parameter
     }
 }

@@ -165,14 +165,12 @@ fn read_end_stops(section: &Section<'_>, unit: AxisUnit) -> Option<(f64, f64)> {
         (None, None) => None,
         (Some(_), Some(_)) => {
             let advice = "leave some distance between them";
-            section.problem(high, format!("more than {low}"), "stops at the same place", advice);
-            None
+            section.refuse(high, format!("more than {low}"), "stops at the same place", advice)
         }
         (lower, _) => {
             let (given, missing) = if lower.is_some() { (low, high) } else { (high, low) };
             let advice = format!("add {missing}, or take this one out");
-            section.problem(given, "both stops", "one", advice);
-            None
+            section.refuse(given, "both stops", "one", advice)
         }
     }
 }

@@ -41,12 +41,18 @@ fn movements() -> impl Strategy<Value = Movement> {
             |(position, rise_s, more)| Movement::Hold(Hold {
                 position,
                 rise_s,
-                duration_s: rise_s + more + 0.1
+                duration_s: rise_s + more + 0.1,
+                resting: Mode::Hold,
             })
         ),
         (0.1..5.0_f64).prop_map(|duration_s| Movement::Rest(Rest { duration_s })),
         (-1.0..1.0_f64, 0.1..1.0_f64, 0.0..2.0_f64).prop_map(|(position, rise_s, more)| {
-            Movement::Centre(Centre { position, rise_s, duration_s: rise_s + more })
+            Movement::Centre(Centre {
+                position: Some(position),
+                rise_s,
+                duration_s: rise_s + more,
+                resting: Mode::Centre,
+            })
         }),
         (-1.0..1.0_f64, 0.2..3.0_f64, 0.1..0.5_f64, 0.0..2.0_f64).prop_map(
             |(position, speed, ease_s, more)| {
@@ -222,6 +228,7 @@ fn modes_follow_the_movement() {
         position: Some(0.5),
         rise_s: 1.0,
         duration_s: 2.0,
+        resting: Mode::Hold,
     }));
     assert_eq!(hold.mode(0.5), Mode::Position);
     assert_eq!(hold.mode(1.5), Mode::Hold);
@@ -233,7 +240,8 @@ fn modes_follow_the_movement() {
         PreparedMovement::new(Movement::Hold(Hold {
             position: None,
             rise_s: 0.5,
-            duration_s: 1.0
+            duration_s: 1.0,
+            resting: Mode::Hold,
         }))
         .mode(0.0),
         Mode::Hold

@@ -19,13 +19,12 @@ fn choices<T>(words: &[(&str, T)]) -> String {
     words.iter().map(|(word, _)| format!("`\"{word}\"`")).collect::<Vec<_>>().join(", ")
 }
 
-/// A bare number, or a table of keys.
-pub(crate) enum NumberOrSection<'s> {
-    Number(f64),
-    Section(Section<'s>),
+/// The words in quotes, for messages.
+fn quoted<T>(words: &[(&str, T)]) -> String {
+    words.iter().map(|(word, _)| format!("\"{word}\"")).collect::<Vec<_>>().join(", ")
 }
 
-impl<'s> Section<'s> {
+impl Section<'_> {
     /// A number that must be there.
     pub(crate) fn number(&self, key: &str, bounds: Bounds) -> f64 {
         self.note(key, range(bounds), "required");
@@ -88,8 +87,7 @@ impl<'s> Section<'s> {
             lists.and_then(|rows| rows.collect::<Option<Vec<_>>>()).filter(|rows| !rows.is_empty())
         else {
             let advice = "write it as [[1.0, 2.0], [3.0, 4.0]]";
-            self.problem(key, expected, describe(value.get_ref()), advice);
-            return None;
+            return self.refuse(key, expected, describe(value.get_ref()), advice);
         };
         let numbers = |row: &&DeArray<'_>| -> Option<Vec<f64>> {
             row.iter().map(|item| self.as_number(key, item.get_ref(), bounds)).collect()
@@ -97,14 +95,9 @@ impl<'s> Section<'s> {
         rows.iter().map(numbers).collect()
     }
 
-    /// An entry that is either a bare number or a table of keys.
-    pub(crate) fn number_or_section(&self, key: &str, bounds: Bounds) -> NumberOrSection<'s> {
-        match self.value(key) {
-            Some(value) if !value.get_ref().is_table() => NumberOrSection::Number(
-                self.as_number(key, value.get_ref(), bounds).unwrap_or(bounds.least),
-            ),
-            value => NumberOrSection::Section(self.section_of(key, value)),
-        }
+    /// Whether the key holds a table of keys.
+    pub(crate) fn holds_section(&self, key: &str) -> bool {
+        self.value(key).is_some_and(|value| value.get_ref().is_table())
     }
 
     fn as_number(&self, key: &str, value: &DeValue<'_>, bounds: Bounds) -> Option<f64> {
@@ -117,18 +110,15 @@ impl<'s> Section<'s> {
         };
         let Some(number) = number else {
             let advice = "write it without quotes, in the unit that the key's name ends in";
-            self.problem(key, "a number", describe(value), advice);
-            return None;
+            return self.refuse(key, "a number", describe(value), advice);
         };
         if !number.is_finite() {
             let advice = "not-a-number and infinity have no meaning here";
-            self.problem(key, "a finite number", describe(value), advice);
-            return None;
+            return self.refuse(key, "a finite number", describe(value), advice);
         }
         if number < bounds.least || number > bounds.most {
             let expected = format!("a number from {} to {}", bounds.least, bounds.most);
-            self.problem(key, expected, number, bounds.advice);
-            return None;
+            return self.refuse(key, expected, number, bounds.advice);
         }
         Some(number)
     }
@@ -149,8 +139,7 @@ impl<'s> Section<'s> {
             Some(whole) if (least..=most).contains(&whole) => Some(whole),
             _ => {
                 let expected = format!("a whole number from {least} to {most}");
-                self.problem(key, expected, describe(value), advice);
-                None
+                self.refuse(key, expected, describe(value), advice)
             }
         }
     }
@@ -171,18 +160,14 @@ impl<'s> Section<'s> {
     /// A whole number that must be there.
     pub(crate) fn whole(&self, key: &str, least: u64, most: u64, advice: &str) -> u64 {
         self.note(key, format_args!("whole number, {least} to {most}"), "required");
-        if !self.has(key) {
-            self.required(key, &format!("a whole number from {least} to {most}"));
-        }
+        self.required(key, &format!("a whole number from {least} to {most}"));
         self.whole_or_none(key, least, most, advice).unwrap_or(least)
     }
 
     /// A text that must be there and not be empty.
     pub(crate) fn text(&self, key: &str) -> String {
         self.note(key, "text", "required");
-        if !self.has(key) {
-            self.required(key, "a text");
-        }
+        self.required(key, "a text");
         self.text_or_none(key).unwrap_or_default()
     }
 
@@ -192,10 +177,7 @@ impl<'s> Section<'s> {
         let value = self.value(key)?.get_ref();
         match value.as_str() {
             Some(text) if !text.trim().is_empty() => Some(text.to_owned()),
-            _ => {
-                self.problem(key, "a text", describe(value), "write it in quotes");
-                None
-            }
+            _ => self.refuse(key, "a text", describe(value), "write it in quotes"),
         }
     }
 
@@ -205,11 +187,10 @@ impl<'s> Section<'s> {
         let value = self.value(key)?.get_ref();
         let found = value.as_str().and_then(|text| words.iter().find(|(word, _)| *word == text));
         if found.is_none() {
-            let names: Vec<_> = words.iter().map(|(word, _)| *word).collect();
-            let advice = value.as_str().and_then(|text| nearest(text, names.iter().copied()));
+            let names = words.iter().map(|(word, _)| *word);
+            let advice = value.as_str().and_then(|text| nearest(text, names));
             let advice = advice.map(|word| format!("did you mean \"{word}\"?")).unwrap_or_default();
-            let names: Vec<_> = names.iter().map(|name| format!("\"{name}\"")).collect();
-            self.problem(key, format!("one of {}", names.join(", ")), describe(value), advice);
+            self.problem(key, format!("one of {}", quoted(words)), describe(value), advice);
         }
         found.map(|(_, value)| *value)
     }
@@ -230,10 +211,7 @@ impl<'s> Section<'s> {
     /// reported.
     pub(crate) fn word<T: Copy>(&self, key: &str, words: &[(&str, T)]) -> Option<T> {
         self.note(key, choices(words), "required");
-        if !self.has(key) {
-            let names: Vec<_> = words.iter().map(|(word, _)| format!("\"{word}\"")).collect();
-            self.required(key, &format!("one of {}", names.join(", ")));
-        }
+        self.required(key, &format!("one of {}", quoted(words)));
         self.word_or_none(key, words)
     }
 

@@ -66,13 +66,11 @@ impl Field {
             [Some(_), Some(_)] => {
                 let found = "walls the wrong way round";
                 let advice = "swap the two";
-                section.problem("wall_max_deg", "more than wall_min_deg", found, advice);
-                None
+                section.refuse("wall_max_deg", "more than wall_min_deg", found, advice)
             }
             _ => {
                 let advice = "give wall_min and wall_max; one may lie at the limit";
-                section.problem("wall_min_deg", "both walls", "one", advice);
-                None
+                section.refuse("wall_min_deg", "both walls", "one", advice)
             }
         };
         let wall_stiffness = match walls {

@@ -21,8 +21,7 @@ fn check_torques(field: &Field, placed: &Placement<'_>) -> bool {
             axis.name
         );
         let advice = "add axes.torque to the rig file, or use rest";
-        source.problem(&placed.key("kind"), expected, "a free movement", advice);
-        return false;
+        return source.problem(&placed.key("kind"), expected, "a free movement", advice);
     };
     let (torque, at) = field.largest_torque(axis.limits.position_min, axis.limits.position_max);
     if torque.abs() > most {
@@ -36,16 +35,14 @@ fn check_torques(field: &Field, placed: &Placement<'_>) -> bool {
         let found = format!("{:.1} {symbol} at {}", torque.abs(), placed.show(at));
         let advice = "the watchdog would cut the power there; soften the field, \
                       or move its centre or walls";
-        source.problem(&key, expected, found, advice);
-        return false;
+        return source.problem(&key, expected, found, advice);
     }
     if let Some(table) = field.velocity_table.as_ref().filter(|table| table.largest() > most) {
         let key = placed.first_key(["velocity_table_deg_s", "velocity_table_m_s"]);
         let expected = format!("torques of at most {most} {symbol}");
         let found = format!("{:.1} {symbol}", table.largest());
         let advice = "the watchdog would cut the power there; lower the torques";
-        source.problem(&key, expected, found, advice);
-        return false;
+        return source.problem(&key, expected, found, advice);
     }
     true
 }
@@ -62,8 +59,7 @@ fn check_matrix(field: &Field, placed: &Placement<'_>) -> bool {
             format!("at most {axes} rows of {axes}: the rig \"{}\" has so many axes", rig.name);
         let found = format!("{0} rows of {0}", matrix.axes);
         let advice = "give each row an axis, or choose a rig with more axes";
-        source.problem(&key, expected, found, advice);
-        return false;
+        return source.problem(&key, expected, found, advice);
     }
     for (index, axis) in rig.axes.iter().enumerate().take(matrix.axes) {
         let torque = matrix.largest_torque(index, |other| {
@@ -79,8 +75,7 @@ fn check_matrix(field: &Field, placed: &Placement<'_>) -> bool {
                     axis.name
                 );
                 let advice = "the watchdog would cut the power there; soften the field";
-                source.problem(&key, expected, format!("{torque:.1} {symbol}"), advice);
-                return false;
+                return source.problem(&key, expected, format!("{torque:.1} {symbol}"), advice);
             }
             None => {
                 let expected = format!(
@@ -89,8 +84,7 @@ fn check_matrix(field: &Field, placed: &Placement<'_>) -> bool {
                     axis.name
                 );
                 let advice = "add axes.torque to the rig file";
-                source.problem(&key, expected, "a matrix over it", advice);
-                return false;
+                return source.problem(&key, expected, "a matrix over it", advice);
             }
         }
     }

@@ -57,8 +57,7 @@ pub(super) fn check_stability(
              or raise end_stop_stiffness in the rig file",
         ),
     };
-    source.problem(&key(name), expected, found, advice);
-    false
+    source.problem(&key(name), expected, found, advice)
 }
 
 /// Why a field is refused.

@@ -98,8 +98,7 @@ fn read_square(
         let lengths: Vec<String> = rows.iter().map(|row| row.len().to_string()).collect();
         let expected = format!("a square matrix of at most {MATRIX_AXES} rows");
         let found = format!("{size} rows of {}", lengths.join(", "));
-        section.problem(key, expected, found, "two axes: [[1.0, 0.0], [0.0, 1.0]]");
-        return None;
+        return section.refuse(key, expected, found, "two axes: [[1.0, 0.0], [0.0, 1.0]]");
     }
     for (into, row) in part.iter_mut().zip(&rows) {
         for (into, value) in into.iter_mut().zip(row) {

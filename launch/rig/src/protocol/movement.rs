@@ -44,8 +44,8 @@ macro_rules! kinds {
             fn read_kind(word: &str, section: &Section<'_>, keys: &mut UnitKeys<'_, '_>) -> Self {
                 match word {
                     $($word => {
-                        section.document(concat!("`kind = \"", $word, "\"`"), $kind::KEYS);
-                        Self::$kind($kind::read(section, keys))
+                        section.document(concat!("`kind = \"", $word, "\"`"), $module::KEYS);
+                        Self::$kind($module::read(section, keys))
                     })+
                     _ => {
                         // Without a valid kind nobody can say which keys are right.

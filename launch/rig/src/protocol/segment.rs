@@ -74,8 +74,7 @@ impl Segment {
                 let key = if source.has(&key("axes")) { key("axes") } else { key("axis") };
                 let last = rig.axes.len() - 1;
                 let expected = format!("an axis of the rig \"{}\" (0 to {last})", rig.name);
-                source.problem(&key, expected, index, "move an axis that the rig has");
-                return false;
+                return source.problem(&key, expected, index, "move an axis that the rig has");
             };
             let start = starts.get(index).copied().flatten();
             self.check_movement(movement, &Placement { rig, axis, index, segment, start, source })
@@ -93,8 +92,7 @@ impl Segment {
             let expected =
                 format!("positions in the unit of axis \"{}\" ({})", axis.name, axis.unit.symbol());
             let advice = "keys end in _deg for axes in rad, in _m for axes in m";
-            source.problem(&key, expected, "the other unit", advice);
-            return false;
+            return source.problem(&key, expected, "the other unit", advice);
         }
         if let Some((least, most)) = movement.range()
             && (least < limits.position_min || most > limits.position_max)
@@ -104,8 +102,7 @@ impl Segment {
             let expected = format!("positions from {lowest} to {highest}");
             let found = format!("a {kind} from {} to {}", placed.show(least), placed.show(most));
             let advice = "move less, or elsewhere; the limits are the rig file's";
-            source.problem(&key, expected, found, advice);
-            return false;
+            return source.problem(&key, expected, found, advice);
         }
         let field_fits = || movement.field().is_none_or(|field| check_field(field, placed));
         if !movement.check(placed) || !field_fits() {

@@ -70,8 +70,7 @@ impl TorqueTable {
                     "move it to a multiple of {step} from {least}, or make the curve smoother"
                 );
                 let found = format!("[{place}, {torque}], which would become {kept:.3}");
-                section.problem(key, expected, found, advice);
-                return None;
+                return section.refuse(key, expected, found, advice);
             }
         }
         Some(table)
@@ -144,18 +143,20 @@ fn read<'k>(
         .collect();
     let Some(pairs) = pairs else {
         let advice = "write it as [[-40, 0.0], [0, 0.5], [40, 0.0]]";
-        section.problem(key, expected, "a row of another length", advice);
-        return None;
+        return section.refuse(key, expected, "a row of another length", advice);
     };
     if pairs.len() < 2 || pairs.len() > PAIRS {
-        section.problem(key, format!("2 to {PAIRS} pairs"), pairs.len(), "two pairs make a line");
-        return None;
+        return section.refuse(
+            key,
+            format!("2 to {PAIRS} pairs"),
+            pairs.len(),
+            "two pairs make a line",
+        );
     }
     if let Some(wrong) = pairs.windows(2).find(|pair| pair[0].0 >= pair[1].0) {
         let found = format!("{} after {}", wrong[1].0, wrong[0].0);
         let advice = "sort the pairs; no place twice";
-        section.problem(key, "places that rise from pair to pair", found, advice);
-        return None;
+        return section.refuse(key, "places that rise from pair to pair", found, advice);
     }
     Some((key, unit.si_per_file_unit(), pairs))
 }

@@ -21,29 +21,29 @@ pub struct Chirp {
     pub envelope: Envelope,
 }
 
-impl Chirp {
-    pub(super) const KEYS: Keys = &[
-        ("amplitude_{deg,m}", "Amplitude, to either side of the centre."),
-        ("from_hz", "Frequency at the start."),
-        ("to_hz", "Frequency at the end."),
-        ("sweep", "How the frequency changes with time."),
-        ("duration_s", "Whole duration, fades included."),
-        ("centre_{deg,m}", "Centre of the movement; 0, if left out."),
-        ("fade_in_s", "Time of the blend from the start position into the movement."),
-        ("fade_out_s", "Time of the blend from the movement to rest at the centre."),
-    ];
+pub(super) const KEYS: Keys = &[
+    ("amplitude_{deg,m}", "Amplitude, to either side of the centre."),
+    ("from_hz", "Frequency at the start."),
+    ("to_hz", "Frequency at the end."),
+    ("sweep", "How the frequency changes with time."),
+    ("duration_s", "Whole duration, fades included."),
+    ("centre_{deg,m}", "Centre of the movement; 0, if left out."),
+    ("fade_in_s", "Time of the blend from the start position into the movement."),
+    ("fade_out_s", "Time of the blend from the movement to rest at the centre."),
+];
 
-    pub(super) fn read(section: &Section<'_>, keys: &mut UnitKeys<'_, '_>) -> Self {
-        let envelope = Envelope::read(section);
-        let sweeps = &[("linear", false), ("exponential", true)];
-        Self {
-            amplitude: keys.amplitude("amplitude"),
-            frequencies_hz: [section.number("from_hz", LINE_HZ), section.number("to_hz", LINE_HZ)],
-            exponential: section.word_or("sweep", sweeps, true),
-            envelope: envelope.about(keys.position("centre")),
-        }
+pub(super) fn read(section: &Section<'_>, keys: &mut UnitKeys<'_, '_>) -> Chirp {
+    let envelope = Envelope::read(section);
+    let sweeps = &[("linear", false), ("exponential", true)];
+    Chirp {
+        amplitude: keys.amplitude("amplitude"),
+        frequencies_hz: [section.number("from_hz", LINE_HZ), section.number("to_hz", LINE_HZ)],
+        exponential: section.word_or("sweep", sweeps, true),
+        envelope: envelope.about(keys.position("centre")),
     }
+}
 
+impl Chirp {
     /// Phase (rad), angular frequency (rad/s) and its rate (rad/s²) at a time (s).
     pub fn phase(&self, time_s: f64) -> (f64, f64, f64) {
         let [from, to] = self.frequencies_hz.map(|hertz| TAU * hertz);

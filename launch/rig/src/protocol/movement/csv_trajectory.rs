@@ -32,43 +32,41 @@ pub struct CsvTrajectory {
     pub rise_s: f64,
 }
 
-impl CsvTrajectory {
-    pub(super) const KEYS: Keys = &[
-        ("path", "CSV file, relative to the protocol's folder; the first row names the columns."),
-        ("column", "Column of the positions; by default the first that ends in `_deg` or `_m`."),
-        ("times_s", "Times of the points, where the table is in the protocol itself."),
-        ("positions_{deg,m}", "Positions of the points, as many as times."),
-        ("rise_s", "Time of the movement from the start position to the first point."),
-    ];
+pub(super) const KEYS: Keys = &[
+    ("path", "CSV file, relative to the protocol's folder; the first row names the columns."),
+    ("column", "Column of the positions; by default the first that ends in `_deg` or `_m`."),
+    ("times_s", "Times of the points, where the table is in the protocol itself."),
+    ("positions_{deg,m}", "Positions of the points, as many as times."),
+    ("rise_s", "Time of the movement from the start position to the first point."),
+];
 
-    pub(super) fn read(section: &Section<'_>, keys: &mut UnitKeys<'_, '_>) -> Self {
-        let rise_s = section.number_or("rise_s", 1.0, FADE);
-        section.text_or_none("path");
-        section.text_or_none("column");
-        let placeholder = || Self { spline: Arc::new(Spline::rest()), rise_s };
-        if section.has("path") && !section.has("times_s") {
-            let expected = "a table that was read when the protocol was loaded";
-            let advice = "load the protocol from its file, so that its folder is known; \
-                          or give times_s and positions_deg";
-            section.problem("path", expected, "its name alone", advice);
-            section.know_all();
-            return placeholder();
-        }
-        let times = section.numbers("times_s", bounds(0.0, LONGEST_S, "in seconds"));
-        let positions = keys.list("positions", POSITION_DEG, POSITION_M);
-        if let Some(row) = times.windows(2).position(|pair| pair[1] <= pair[0]) {
-            let expected = format!("increasing times; entry {} is after {} s", row + 2, times[row]);
-            let advice = "put the points in order of time";
-            section.problem("times_s", expected, format!("{} s", times[row + 1]), advice);
-        } else if times.len() < 2 || times.len() != positions.len() {
-            let expected = "at least two times, and as many positions";
-            let found = format!("{} and {}", times.len(), positions.len());
-            section.problem("times_s", expected, found, "give each point a time and a position");
-        }
-        match Spline::through(times, positions) {
-            Some(spline) => Self { spline: Arc::new(spline), rise_s },
-            None => placeholder(),
-        }
+pub(super) fn read(section: &Section<'_>, keys: &mut UnitKeys<'_, '_>) -> CsvTrajectory {
+    let rise_s = section.number_or("rise_s", 1.0, FADE);
+    section.text_or_none("path");
+    section.text_or_none("column");
+    let placeholder = || CsvTrajectory { spline: Arc::new(Spline::rest()), rise_s };
+    if section.has("path") && !section.has("times_s") {
+        let expected = "a table that was read when the protocol was loaded";
+        let advice = "load the protocol from its file, so that its folder is known; \
+                      or give times_s and positions_deg";
+        section.problem("path", expected, "its name alone", advice);
+        section.know_all();
+        return placeholder();
+    }
+    let times = section.numbers("times_s", bounds(0.0, LONGEST_S, "in seconds"));
+    let positions = keys.list("positions", POSITION_DEG, POSITION_M);
+    if let Some(row) = times.windows(2).position(|pair| pair[1] <= pair[0]) {
+        let expected = format!("increasing times; entry {} is after {} s", row + 2, times[row]);
+        let advice = "put the points in order of time";
+        section.problem("times_s", expected, format!("{} s", times[row + 1]), advice);
+    } else if times.len() < 2 || times.len() != positions.len() {
+        let expected = "at least two times, and as many positions";
+        let found = format!("{} and {}", times.len(), positions.len());
+        section.problem("times_s", expected, found, "give each point a time and a position");
+    }
+    match Spline::through(times, positions) {
+        Some(spline) => CsvTrajectory { spline: Arc::new(spline), rise_s },
+        None => placeholder(),
     }
 }
 

@@ -17,16 +17,14 @@ pub struct Free {
     pub field: Field,
 }
 
-impl Free {
-    pub(super) const KEYS: Keys = FIELD_KEYS;
+pub(super) const KEYS: Keys = FIELD_KEYS;
 
-    pub(super) fn read(section: &Section<'_>, keys: &mut UnitKeys<'_, '_>) -> Self {
-        let centre = keys.position("centre").unwrap_or(0.0);
-        let walls = ["wall_min", "wall_max"].map(|stem| keys.position(stem));
-        Self {
-            duration_s: section.number("duration_s", DURATION),
-            field: Field::read(section, centre, walls),
-        }
+pub(super) fn read(section: &Section<'_>, keys: &mut UnitKeys<'_, '_>) -> Free {
+    let centre = keys.position("centre").unwrap_or(0.0);
+    let walls = ["wall_min", "wall_max"].map(|stem| keys.position(stem));
+    Free {
+        duration_s: section.number("duration_s", DURATION),
+        field: Field::read(section, centre, walls),
     }
 }
 

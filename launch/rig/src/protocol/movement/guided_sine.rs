@@ -19,23 +19,21 @@ pub struct GuidedSine {
 
 const GUIDED_HZ: Bounds = bounds(0.2, 3.0, "guided movements are of 0.2 to 3 Hz (appendix)");
 
-impl GuidedSine {
-    pub(super) const KEYS: Keys = &[
-        ("amplitude_{deg,m}", "Amplitude, to either side of the centre."),
-        ("frequency_hz", "Frequency."),
-        ("duration_s", "Whole duration, fades included."),
-        ("centre_{deg,m}", "Centre of the sine; 0, if left out."),
-        ("fade_in_s", "Time of the blend from the start position into the sine."),
-        ("fade_out_s", "Time of the blend from the sine to rest at the centre."),
-    ];
+pub(super) const KEYS: Keys = &[
+    ("amplitude_{deg,m}", "Amplitude, to either side of the centre."),
+    ("frequency_hz", "Frequency."),
+    ("duration_s", "Whole duration, fades included."),
+    ("centre_{deg,m}", "Centre of the sine; 0, if left out."),
+    ("fade_in_s", "Time of the blend from the start position into the sine."),
+    ("fade_out_s", "Time of the blend from the sine to rest at the centre."),
+];
 
-    pub(super) fn read(section: &Section<'_>, keys: &mut UnitKeys<'_, '_>) -> Self {
-        let envelope = Envelope::read(section);
-        let amplitude = keys.amplitude("amplitude");
-        let frequency_hz = section.number("frequency_hz", GUIDED_HZ);
-        let line = Line { amplitude, frequency_hz, phase: 0.0 };
-        Self { line, envelope: envelope.about(keys.position("centre")) }
-    }
+pub(super) fn read(section: &Section<'_>, keys: &mut UnitKeys<'_, '_>) -> GuidedSine {
+    let envelope = Envelope::read(section);
+    let amplitude = keys.amplitude("amplitude");
+    let frequency_hz = section.number("frequency_hz", GUIDED_HZ);
+    let line = Line { amplitude, frequency_hz, phase: 0.0 };
+    GuidedSine { line, envelope: envelope.about(keys.position("centre")) }
 }
 
 impl SegmentKind for GuidedSine {

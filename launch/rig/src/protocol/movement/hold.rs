@@ -16,19 +16,19 @@ pub struct Hold {
     pub rise_s: f64,
     /// Whole duration (s).
     pub duration_s: f64,
+    /// Mode of the setpoints at rest.
+    pub resting: Mode,
 }
 
-impl Hold {
-    pub(super) const KEYS: Keys = &[
-        ("position_{deg,m}", "Position; where the handle is, if left out."),
-        ("rise_s", "Time of the movement there, part of the duration."),
-        ("duration_s", "Whole duration."),
-    ];
+pub(super) const KEYS: Keys = &[
+    ("position_{deg,m}", "Position; where the handle is, if left out."),
+    ("rise_s", "Time of the movement there, part of the duration."),
+    ("duration_s", "Whole duration."),
+];
 
-    pub(super) fn read(section: &Section<'_>, keys: &mut UnitKeys<'_, '_>) -> Self {
-        let (duration_s, rise_s) = read_times(section, 1.0);
-        Self { position: keys.position("position"), rise_s, duration_s }
-    }
+pub(super) fn read(section: &Section<'_>, keys: &mut UnitKeys<'_, '_>) -> Hold {
+    let (duration_s, rise_s) = read_times(section, 1.0);
+    Hold { position: keys.position("position"), rise_s, duration_s, resting: Mode::Hold }
 }
 
 /// Reads `duration_s`, and `rise_s`, which is part of it and by default `rise_s`, but at most half
@@ -61,7 +61,10 @@ impl SegmentKind for Hold {
     }
 
     fn mode(&self, time_s: f64) -> Mode {
-        if self.position.is_none() || time_s >= self.rise_s { Mode::Hold } else { Mode::Position }
+        match self.position {
+            Some(_) if time_s < self.rise_s => Mode::Position,
+            _ => self.resting,
+        }
     }
 
     fn at(&self, start: f64, time_s: f64, _peak_speed: f64) -> Point {

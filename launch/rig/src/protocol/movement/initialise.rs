@@ -47,38 +47,37 @@ const MARGIN_SHARE: f64 = 0.0125;
 /// Time to start, stand still and turn, at each end (s).
 const OVERHEAD_S: f64 = 4.0;
 
-impl Initialise {
-    pub(super) const KEYS: Keys = &[
-        ("speed_{deg,m}_s", "Speed of the reference."),
-        ("volts", "The output stays within ± this."),
-        ("first", "End that is sought first."),
-        ("ends", "Whether both ends are sought, or the first only."),
-        ("lead_{deg,m}", "Least lead of the reference over the handle at an end."),
-        ("still_s", "Time for which the handle must stand still at an end."),
-        ("tolerance_{deg,m}", "A range that ends further inside the limits causes a warning."),
-        ("duration_s", "Time limit."),
-    ];
+pub(super) const KEYS: Keys = &[
+    ("speed_{deg,m}_s", "Speed of the reference."),
+    ("volts", "The output stays within ± this."),
+    ("first", "End that is sought first."),
+    ("ends", "Whether both ends are sought, or the first only."),
+    ("lead_{deg,m}", "Least lead of the reference over the handle at an end."),
+    ("still_s", "Time for which the handle must stand still at an end."),
+    ("tolerance_{deg,m}", "A range that ends further inside the limits causes a warning."),
+    ("duration_s", "Time limit."),
+];
 
-    pub(super) fn read(section: &Section<'_>, keys: &mut UnitKeys<'_, '_>) -> Self {
-        let speed = keys.speed("speed", SPEED_DEG, SPEED_M);
-        let metres = keys.unit == Some(AxisUnit::Metre);
-        let volts =
-            bounds(0.1, 10.0, "enough to overcome friction, little enough for a hand to hold");
-        let default = |degrees: f64, m| if metres { m } else { degrees.to_radians() };
-        Self {
-            speed,
-            volts: section.number("volts", volts),
-            upper_first: section.word_or("first", &[("lower", false), ("upper", true)], false),
-            both: section.word_or("ends", &[("both", true), ("first", false)], true),
-            lead: keys.optional("lead", LEAD_DEG, LEAD_M).unwrap_or(default(8.0, 0.02)),
-            still_s: section.number_or("still_s", 0.5, bounds(0.1, 5.0, "in seconds")),
-            tolerance: keys
-                .optional("tolerance", AMPLITUDE_DEG, AMPLITUDE_M)
-                .unwrap_or(default(10.0, 0.05)),
-            duration_s: section.number("duration_s", DURATION),
-        }
+pub(super) fn read(section: &Section<'_>, keys: &mut UnitKeys<'_, '_>) -> Initialise {
+    let speed = keys.speed("speed", SPEED_DEG, SPEED_M);
+    let metres = keys.unit == Some(AxisUnit::Metre);
+    let volts = bounds(0.1, 10.0, "enough to overcome friction, little enough for a hand to hold");
+    let default = |degrees: f64, m| if metres { m } else { degrees.to_radians() };
+    Initialise {
+        speed,
+        volts: section.number("volts", volts),
+        upper_first: section.word_or("first", &[("lower", false), ("upper", true)], false),
+        both: section.word_or("ends", &[("both", true), ("first", false)], true),
+        lead: keys.optional("lead", LEAD_DEG, LEAD_M).unwrap_or(default(8.0, 0.02)),
+        still_s: section.number_or("still_s", 0.5, bounds(0.1, 5.0, "in seconds")),
+        tolerance: keys
+            .optional("tolerance", AMPLITUDE_DEG, AMPLITUDE_M)
+            .unwrap_or(default(10.0, 0.05)),
+        duration_s: section.number("duration_s", DURATION),
     }
+}
 
+impl Initialise {
     /// Ends of the reference's own range for an axis with these limits (rad or m).
     pub fn reach(&self, position_min: f64, position_max: f64) -> (f64, f64) {
         let margin = MARGIN_SHARE * (position_max - position_min);
@@ -118,8 +117,7 @@ impl SegmentKind for Initialise {
         if self.volts > limit {
             let expected = format!("at most control.output_limit_v of the rig file ({limit} V)");
             let advice = "drive gently against an end";
-            placed.source.problem(&placed.key("volts"), expected, self.volts, advice);
-            return false;
+            return placed.source.problem(&placed.key("volts"), expected, self.volts, advice);
         }
         let ends = if self.both { 2.0 } else { 1.0 };
         let travel = limits.position_max - limits.position_min;
@@ -130,8 +128,7 @@ impl SegmentKind for Initialise {
                 format!("at least {needed:.0} s: from any position to the ends at this speed");
             let found = format!("{} s", self.duration_s);
             let advice = "it is a time limit; the segment ends as soon as the ends are found";
-            placed.source.problem(&placed.key("duration_s"), expected, found, advice);
-            return false;
+            return placed.source.problem(&placed.key("duration_s"), expected, found, advice);
         }
         true
     }

@@ -99,77 +99,70 @@ const GROWTH: Bounds = bounds(1.01, 100.0, "1.5 tolerates half as much error aga
 /// Highest frequency at which the response is identified (Hz).
 const HIGHEST_HZ: f64 = 24.0;
 
-const LAWS: &[(&str, Law)] =
-    &[("published", Law::Published), ("model-based", Law::ModelBased), ("none", Law::Keep)];
+const LAWS: &[(&str, &str)] =
+    &[("published", "published"), ("model-based", "model-based"), ("none", "none")];
 
-#[derive(Clone, Copy)]
-enum Law {
-    Published,
-    ModelBased,
-    Keep,
+pub(super) const KEYS: Keys = &[
+    ("amplitude_{deg,m}", "Amplitude of the slave's sine."),
+    ("frequency_hz", "Its frequency; a cycle must be a whole number of control periods."),
+    ("centre_{deg,m}", "Its centre; 0, if left out."),
+    ("fade_in_s", "Time of the blend from the start position into the movement."),
+    ("fade_out_s", "Time of the blend from the movement to rest at the centre."),
+    ("cycles_per_block", "Cycles with the same reference."),
+    ("settling_cycles", "Cycles at the beginning of a block that are not learnt from."),
+    ("blocks", "Number of blocks."),
+    ("law", "Learning law: eq. 4.3.2, the inverse of the identified response, or none."),
+    ("gamma_p", "Published law: change of the reference per error."),
+    ("gamma_d", "Published law: change per change of the error since the previous block."),
+    ("cutoff_hz", "Published law: cut-off of the low pass on the error."),
+    ("delay_s", "Published law: delay of the transmission."),
+    ("gain", "Model-based law: share of the inverse applied in a block."),
+    ("regularisation", "Model-based law: a response weaker than this is hardly inverted."),
+    ("harmonics", "Model-based law: number of harmonics identified and learnt."),
+    ("identify_amplitude_{deg,m}", "Model-based law: amplitude of the first probing sine."),
+    ("growth", "A block is worse when its error exceeds the best by this factor."),
+    ("patience", "Number of consecutive worse blocks that ends the learning."),
+    ("feedforward", "Whether control adds the rig's feed-forward (fig. 4.3A)."),
+    ("save", "Name under which the best reference is saved."),
+    ("load", "Name of a saved reference to begin with."),
+];
+
+pub(super) fn read(section: &Section<'_>, keys: &mut UnitKeys<'_, '_>) -> Learn {
+    let amplitude = keys.amplitude("amplitude");
+    let identify = keys.optional("identify_amplitude", AMPLITUDE_DEG, AMPLITUDE_M);
+    let whole = |key, default, least, most, advice| {
+        section.whole_or(key, default, least, most, advice) as u32
+    };
+    let blocks_of_three = "fig. 4.6 has blocks of three cycles";
+    let first_cycle = "the reference changes in the first cycle of a block";
+    let learn = Learn {
+        amplitude,
+        frequency_hz: section.number("frequency_hz", LEARN_HZ),
+        centre: keys.position("centre").unwrap_or(0.0),
+        fade_in_s: section.number_or("fade_in_s", 2.0, FADE),
+        fade_out_s: section.number_or("fade_out_s", 1.0, FADE),
+        cycles_per_block: whole("cycles_per_block", 3, 2, 100, blocks_of_three),
+        settling_cycles: whole("settling_cycles", 1, 1, 99, first_cycle),
+        blocks: section.whole("blocks", 1, 10_000, "number of blocks that are played at most")
+            as u32,
+        law: read_law(section, amplitude, identify),
+        growth: section.number_or("growth", 1.5, GROWTH),
+        patience: whole("patience", 5, 1, 1000, "worse blocks in a row that end the learning"),
+        feedforward: section.flag_or("feedforward", true),
+        save: read_name(section, "save"),
+        load: read_name(section, "load"),
+    };
+    if learn.settling_cycles >= learn.cycles_per_block {
+        let expected = format!("fewer than cycles_per_block ({})", learn.cycles_per_block);
+        let key =
+            if section.has("settling_cycles") { "settling_cycles" } else { "cycles_per_block" };
+        section.problem(key, expected, learn.settling_cycles, "leave a cycle to learn from");
+    }
+    learn.check_law(section);
+    learn
 }
 
 impl Learn {
-    pub(super) const KEYS: Keys = &[
-        ("amplitude_{deg,m}", "Amplitude of the slave's sine."),
-        ("frequency_hz", "Its frequency; a cycle must be a whole number of control periods."),
-        ("centre_{deg,m}", "Its centre; 0, if left out."),
-        ("fade_in_s", "Time of the blend from the start position into the movement."),
-        ("fade_out_s", "Time of the blend from the movement to rest at the centre."),
-        ("cycles_per_block", "Cycles with the same reference."),
-        ("settling_cycles", "Cycles at the beginning of a block that are not learnt from."),
-        ("blocks", "Number of blocks."),
-        ("law", "Learning law: eq. 4.3.2, the inverse of the identified response, or none."),
-        ("gamma_p", "Published law: change of the reference per error."),
-        ("gamma_d", "Published law: change per change of the error since the previous block."),
-        ("cutoff_hz", "Published law: cut-off of the low pass on the error."),
-        ("delay_s", "Published law: delay of the transmission."),
-        ("gain", "Model-based law: share of the inverse applied in a block."),
-        ("regularisation", "Model-based law: a response weaker than this is hardly inverted."),
-        ("harmonics", "Model-based law: number of harmonics identified and learnt."),
-        ("identify_amplitude_{deg,m}", "Model-based law: amplitude of the first probing sine."),
-        ("growth", "A block is worse when its error exceeds the best by this factor."),
-        ("patience", "Number of consecutive worse blocks that ends the learning."),
-        ("feedforward", "Whether control adds the rig's feed-forward (fig. 4.3A)."),
-        ("save", "Name under which the best reference is saved."),
-        ("load", "Name of a saved reference to begin with."),
-    ];
-
-    pub(super) fn read(section: &Section<'_>, keys: &mut UnitKeys<'_, '_>) -> Self {
-        let amplitude = keys.amplitude("amplitude");
-        let identify = keys.optional("identify_amplitude", AMPLITUDE_DEG, AMPLITUDE_M);
-        let whole = |key, default, least, most, advice| {
-            section.whole_or(key, default, least, most, advice) as u32
-        };
-        let blocks_of_three = "fig. 4.6 has blocks of three cycles";
-        let first_cycle = "the reference changes in the first cycle of a block";
-        let learn = Self {
-            amplitude,
-            frequency_hz: section.number("frequency_hz", LEARN_HZ),
-            centre: keys.position("centre").unwrap_or(0.0),
-            fade_in_s: section.number_or("fade_in_s", 2.0, FADE),
-            fade_out_s: section.number_or("fade_out_s", 1.0, FADE),
-            cycles_per_block: whole("cycles_per_block", 3, 2, 100, blocks_of_three),
-            settling_cycles: whole("settling_cycles", 1, 1, 99, first_cycle),
-            blocks: section.whole("blocks", 1, 10_000, "number of blocks that are played at most")
-                as u32,
-            law: read_law(section, amplitude, identify),
-            growth: section.number_or("growth", 1.5, GROWTH),
-            patience: whole("patience", 5, 1, 1000, "worse blocks in a row that end the learning"),
-            feedforward: section.flag_or("feedforward", true),
-            save: read_name(section, "save"),
-            load: read_name(section, "load"),
-        };
-        if learn.settling_cycles >= learn.cycles_per_block {
-            let expected = format!("fewer than cycles_per_block ({})", learn.cycles_per_block);
-            let key =
-                if section.has("settling_cycles") { "settling_cycles" } else { "cycles_per_block" };
-            section.problem(key, expected, learn.settling_cycles, "leave a cycle to learn from");
-        }
-        learn.check_law(section);
-        learn
-    }
-
     /// Checks the learning law's parameters against the movement.
     fn check_law(&self, section: &Section<'_>) {
         match self.law {
@@ -295,8 +288,7 @@ impl SegmentKind for Learn {
     fn check(&self, placed: &Placement<'_>) -> bool {
         let (axis, control_hz) = (placed.axis, placed.rig.rates.control_hz);
         let refuse = |name: &str, expected: String, found: &dyn Display, advice: &str| {
-            placed.source.problem(&placed.key(name), expected, found, advice);
-            false
+            placed.source.problem(&placed.key(name), expected, found, advice)
         };
         let mut fits = true;
         if axis.slave.is_none() {
@@ -329,39 +321,37 @@ impl SegmentKind for Learn {
 }
 
 fn read_law(section: &Section<'_>, amplitude: f64, identify_amplitude: Option<f64>) -> LearnLaw {
-    let law = section.word("law", LAWS);
+    let law = section.word("law", LAWS).unwrap_or_default();
     let published = ["gamma_p", "gamma_d", "cutoff_hz", "delay_s"];
     let model_based =
         ["gain", "regularisation", "harmonics", "identify_amplitude_deg", "identify_amplitude_m"];
-    let others: &[&str] = match law {
-        Some(Law::Published) => &model_based,
-        Some(Law::ModelBased) => &published,
-        Some(Law::Keep) => {
-            &["gamma_p", "gamma_d", "cutoff_hz", "delay_s", "gain", "regularisation", "harmonics"]
-        }
-        None => &[],
+    let others = match law {
+        "published" => model_based.to_vec(),
+        "model-based" => published.to_vec(),
+        "none" => [&published[..], &model_based[..3]].concat(),
+        _ => Vec::new(),
     };
     for key in others {
         let advice = "take it out, or choose the other law";
         section.misplaced(key, "keys of the law that was chosen", advice);
     }
     match law {
-        Some(Law::ModelBased) => LearnLaw::ModelBased {
+        "model-based" => LearnLaw::ModelBased {
             gain: section.number_or("gain", 0.6, GAIN),
             regularisation: section.number_or("regularisation", 0.3, REGULARISATION),
             harmonics: section.whole_or("harmonics", 9, 1, 100, "fig. 4.6 has nine, up to 9 Hz")
                 as u32,
             identify_amplitude: identify_amplitude.unwrap_or(2.0 * amplitude),
         },
-        Some(Law::Keep) => LearnLaw::Keep,
-        Some(Law::Published) => LearnLaw::Published {
+        "none" => LearnLaw::Keep,
+        "published" => LearnLaw::Published {
             gamma_p: section.number_or("gamma_p", 0.1, GAMMA),
             gamma_d: section.number_or("gamma_d", 0.01, GAMMA),
             cutoff_hz: section.number_or("cutoff_hz", 8.0, CUTOFF),
             delay_s: section.number_or("delay_s", 0.03, DELAY),
         },
         // Without a valid law nobody can say which keys are right.
-        None => {
+        _ => {
             section.know_all();
             LearnLaw::Published { gamma_p: 0.1, gamma_d: 0.01, cutoff_hz: 8.0, delay_s: 0.03 }
         }
@@ -376,6 +366,5 @@ fn read_name(section: &Section<'_>, key: &str) -> Option<String> {
         return Some(name);
     }
     let advice = "it names a file in the folder of learnt references, without folder and extension";
-    section.problem(key, "1 to 64 of a-z, 0-9, - and _", format!("\"{name}\""), advice);
-    None
+    section.refuse(key, "1 to 64 of a-z, 0-9, - and _", format!("\"{name}\""), advice)
 }

@@ -20,24 +20,24 @@ pub struct Multisine {
     pub envelope: Envelope,
 }
 
+pub(super) const KEYS: Keys = &[
+    ("frequencies_hz", "Frequencies of the sines."),
+    ("amplitudes_{deg,m}", "Amplitude of each sine; instead of `amplitude`."),
+    ("amplitude_{deg,m}", "Bound of the whole movement, shared equally by the sines."),
+    ("seed", "Seed of the random phases: the same seed gives the same phases."),
+    ("duration_s", "Whole duration, fades included."),
+    ("centre_{deg,m}", "Centre of the movement; 0, if left out."),
+    ("fade_in_s", "Time of the blend from the start position into the movement."),
+    ("fade_out_s", "Time of the blend from the movement to rest at the centre."),
+];
+
+pub(super) fn read(section: &Section<'_>, keys: &mut UnitKeys<'_, '_>) -> Multisine {
+    let envelope = Envelope::read(section);
+    let lines = read_lines(section, keys);
+    Multisine { lines, envelope: envelope.about(keys.position("centre")) }
+}
+
 impl Multisine {
-    pub(super) const KEYS: Keys = &[
-        ("frequencies_hz", "Frequencies of the sines."),
-        ("amplitudes_{deg,m}", "Amplitude of each sine; instead of `amplitude`."),
-        ("amplitude_{deg,m}", "Bound of the whole movement, shared equally by the sines."),
-        ("seed", "Seed of the random phases: the same seed gives the same phases."),
-        ("duration_s", "Whole duration, fades included."),
-        ("centre_{deg,m}", "Centre of the movement; 0, if left out."),
-        ("fade_in_s", "Time of the blend from the start position into the movement."),
-        ("fade_out_s", "Time of the blend from the movement to rest at the centre."),
-    ];
-
-    pub(super) fn read(section: &Section<'_>, keys: &mut UnitKeys<'_, '_>) -> Self {
-        let envelope = Envelope::read(section);
-        let lines = read_lines(section, keys);
-        Self { lines, envelope: envelope.about(keys.position("centre")) }
-    }
-
     /// Sum of the amplitudes (rad or m).
     fn amplitude(&self) -> f64 {
         self.lines.iter().map(|line| line.amplitude).sum()

@@ -31,23 +31,23 @@ pub struct RampProfile {
 const SPEED_DEG: Bounds = bounds(0.1, 1500.0, "in degrees a second");
 const SPEED_M: Bounds = bounds(1e-4, 10.0, "in m/s");
 
-impl Ramp {
-    pub(super) const KEYS: Keys = &[
-        ("position_{deg,m}", "Target position."),
-        ("speed_{deg,m}_s", "Speed of the movement."),
-        ("ease_s", "Rise time and fall time of the speed."),
-        ("duration_s", "Whole duration."),
-    ];
+pub(super) const KEYS: Keys = &[
+    ("position_{deg,m}", "Target position."),
+    ("speed_{deg,m}_s", "Speed of the movement."),
+    ("ease_s", "Rise time and fall time of the speed."),
+    ("duration_s", "Whole duration."),
+];
 
-    pub(super) fn read(section: &Section<'_>, keys: &mut UnitKeys<'_, '_>) -> Self {
-        Self {
-            position: keys.required("position", POSITION_DEG, POSITION_M),
-            speed: keys.speed("speed", SPEED_DEG, SPEED_M),
-            ease_s: section.number_or("ease_s", 0.2, bounds(0.02, 10.0, "in seconds")),
-            duration_s: section.number("duration_s", DURATION),
-        }
+pub(super) fn read(section: &Section<'_>, keys: &mut UnitKeys<'_, '_>) -> Ramp {
+    Ramp {
+        position: keys.required("position", POSITION_DEG, POSITION_M),
+        speed: keys.speed("speed", SPEED_DEG, SPEED_M),
+        ease_s: section.number_or("ease_s", 0.2, bounds(0.02, 10.0, "in seconds")),
+        duration_s: section.number("duration_s", DURATION),
     }
+}
 
+impl Ramp {
     /// The ramp that begins at `start` (rad or m).
     pub fn profile(&self, start: f64) -> RampProfile {
         let distance = (self.position - start).abs();

@@ -14,12 +14,10 @@ pub struct Rest {
     pub duration_s: f64,
 }
 
-impl Rest {
-    pub(super) const KEYS: Keys = &[("duration_s", "Duration.")];
+pub(super) const KEYS: Keys = &[("duration_s", "Duration.")];
 
-    pub(super) fn read(section: &Section<'_>, _keys: &mut UnitKeys<'_, '_>) -> Self {
-        Self { duration_s: section.number("duration_s", DURATION) }
-    }
+pub(super) fn read(section: &Section<'_>, _keys: &mut UnitKeys<'_, '_>) -> Rest {
+    Rest { duration_s: section.number("duration_s", DURATION) }
 }
 
 impl SegmentKind for Rest {

@@ -21,37 +21,37 @@ pub struct Rhythm {
     pub duration_s: f64,
 }
 
-impl Rhythm {
-    pub(super) const KEYS: Keys = &[
-        ("frequency_hz", "Full cycles per second; each has two beats."),
-        ("amplitude_{deg,m}", "Distance from the centre to each extreme."),
-        ("centre_{deg,m}", "Centre of movement and spring; 0, if left out."),
-        ("spring", "Stiffness of the spring, in N·m/rad (N/m on an axis in m)."),
-        ("duration_s", "Whole duration."),
-    ];
+pub(super) const KEYS: Keys = &[
+    ("frequency_hz", "Full cycles per second; each has two beats."),
+    ("amplitude_{deg,m}", "Distance from the centre to each extreme."),
+    ("centre_{deg,m}", "Centre of movement and spring; 0, if left out."),
+    ("spring", "Stiffness of the spring, in N·m/rad (N/m on an axis in m)."),
+    ("duration_s", "Whole duration."),
+];
 
-    pub(super) fn read(section: &Section<'_>, keys: &mut UnitKeys<'_, '_>) -> Self {
-        let duration_s = section.number("duration_s", DURATION);
-        let frequency_hz =
-            section.number("frequency_hz", bounds(0.1, 5.0, "a hand keeps up to about 3 Hz"));
-        if duration_s * frequency_hz < 1.0 {
-            let expected = format!("at least one cycle ({:.1} s)", 1.0 / frequency_hz);
-            let found = format!("{duration_s} s");
-            section.problem("duration_s", expected, found, "a rhythm needs some beats");
-        }
-        let stiffness = section.number_or("spring", 0.0, bounds(0.0, 10.0, SPRING_ADVICE));
-        Self {
-            frequency_hz,
-            amplitude: keys.amplitude("amplitude"),
-            field: Field {
-                stiffness,
-                centre: keys.position("centre").unwrap_or(0.0),
-                ..Field::default()
-            },
-            duration_s,
-        }
+pub(super) fn read(section: &Section<'_>, keys: &mut UnitKeys<'_, '_>) -> Rhythm {
+    let duration_s = section.number("duration_s", DURATION);
+    let frequency_hz =
+        section.number("frequency_hz", bounds(0.1, 5.0, "a hand keeps up to about 3 Hz"));
+    if duration_s * frequency_hz < 1.0 {
+        let expected = format!("at least one cycle ({:.1} s)", 1.0 / frequency_hz);
+        let found = format!("{duration_s} s");
+        section.problem("duration_s", expected, found, "a rhythm needs some beats");
     }
+    let stiffness = section.number_or("spring", 0.0, bounds(0.0, 10.0, SPRING_ADVICE));
+    Rhythm {
+        frequency_hz,
+        amplitude: keys.amplitude("amplitude"),
+        field: Field {
+            stiffness,
+            centre: keys.position("centre").unwrap_or(0.0),
+            ..Field::default()
+        },
+        duration_s,
+    }
+}
 
+impl Rhythm {
     /// The last beat due at `time_s`: its number from 1, and where the hand should be (rad or m);
     /// `None` before the first. Beats come every half period, the first after half a period at the
     /// upper extreme, the last before the end.

@@ -16,19 +16,17 @@ pub struct Steps {
     pub rise_s: f64,
 }
 
-impl Steps {
-    pub(super) const KEYS: Keys = &[
-        ("positions_{deg,m}", "Target positions, in order."),
-        ("dwell_s", "Rest at each position."),
-        ("rise_s", "Time of each minimum-jerk movement."),
-    ];
+pub(super) const KEYS: Keys = &[
+    ("positions_{deg,m}", "Target positions, in order."),
+    ("dwell_s", "Rest at each position."),
+    ("rise_s", "Time of each minimum-jerk movement."),
+];
 
-    pub(super) fn read(section: &Section<'_>, keys: &mut UnitKeys<'_, '_>) -> Self {
-        Self {
-            positions: keys.list("positions", POSITION_DEG, POSITION_M),
-            dwell_s: section.number("dwell_s", DURATION),
-            rise_s: section.number_or("rise_s", 1.0, FADE),
-        }
+pub(super) fn read(section: &Section<'_>, keys: &mut UnitKeys<'_, '_>) -> Steps {
+    Steps {
+        positions: keys.list("positions", POSITION_DEG, POSITION_M),
+        dwell_s: section.number("dwell_s", DURATION),
+        rise_s: section.number_or("rise_s", 1.0, FADE),
     }
 }
 
