@@ -12,10 +12,9 @@ use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::process::Signal;
 
 use crate::control_socket::{Answer, Request, send};
-use crate::run_dir::StartError;
 use crate::status::{RigState, Status, StopReport, UnitState};
 use crate::supervisor::{Supervisor, prepare};
-use crate::{Config, Error, Leftover, ProcessIdentity, RunDir, log, process};
+use crate::{Config, Error, Leftover, ProcessIdentity, RunDir, StartError, log, process};
 
 /// Time after which a launcher that does not answer counts as hung (s).
 const ANSWER_SECONDS: u64 = 5;
@@ -76,18 +75,17 @@ pub fn start(mut config: Config) -> Result<Running, Error> {
             let _ = sender.send(child.wait());
         })
         .map_err(|source| Error::system("start a thread", source))?;
-    wait_until_up(&run_dir, &config, &ended)
+    wait_until_up(&run_dir, &ended)
 }
 
 fn wait_until_up(
     run_dir: &RunDir,
-    config: &Config,
     ended: &mpsc::Receiver<std::io::Result<ExitStatus>>,
 ) -> Result<Running, Error> {
     loop {
         let outcome = ended.recv_timeout(POLL_PERIOD);
         if let Ok(status) = outcome {
-            return Err(why_it_ended(run_dir, config, status));
+            return Err(why_it_ended(run_dir, status));
         }
         let Ok(Some(status)) = run_dir.last_status() else { continue };
         // The status of an earlier launcher may say `up` as well, but that launcher is dead.
@@ -101,24 +99,17 @@ fn wait_until_up(
     }
 }
 
-fn why_it_ended(run_dir: &RunDir, config: &Config, status: std::io::Result<ExitStatus>) -> Error {
+fn why_it_ended(run_dir: &RunDir, status: std::io::Result<ExitStatus>) -> Error {
     let cause: Option<StartError> = run_dir.read_json(&run_dir.failure_json()).ok().flatten();
     let _ = std::fs::remove_file(run_dir.failure_json());
     match cause {
-        Some(StartError::Unit(failure)) => Error::Start(failure),
-        Some(StartError::BrokenOff(cause)) => {
-            Error::BrokenOff { rig: config.rig_name.clone(), cause }
-        }
-        Some(StartError::Other(message)) => Error::Launcher { message },
+        Some(cause) => cause.into(),
         None => {
             let exit = status.map_or_else(|error| error.to_string(), |status| status.to_string());
             let tail = log::tail(&run_dir.launcher_log(), 20);
-            Error::Launcher {
-                message: format!(
-                    "{exit}. Last lines of {}:\n{tail}",
-                    run_dir.launcher_log().display()
-                ),
-            }
+            let log = run_dir.launcher_log();
+            let message = format!("{exit}. Last lines of {}:\n{tail}", log.display());
+            StartError::Launcher(message).into()
         }
     }
 }

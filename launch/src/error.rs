@@ -35,6 +35,25 @@ impl std::fmt::Display for StartFailure {
     }
 }
 
+/// Why a rig did not come up; all that had been started was stopped.
+#[derive(Clone, Debug, Serialize, Deserialize, thiserror::Error)]
+pub enum StartError {
+    /// A unit could not be brought up.
+    #[error("{0}")]
+    Unit(StartFailure),
+    /// A signal or `stop` aborted the start.
+    #[error("the start of rig {rig} was aborted: {cause}; all that had been started was stopped")]
+    BrokenOff {
+        /// The rig.
+        rig: String,
+        /// What aborted it.
+        cause: String,
+    },
+    /// The launcher ended before the rig was up.
+    #[error("the launcher ended before the rig was up: {0}")]
+    Launcher(String),
+}
+
 /// Errors of this crate.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
@@ -77,23 +96,9 @@ pub enum Error {
         /// The directory.
         run_dir: PathBuf,
     },
-    /// A unit could not be brought up; all that had been started was stopped.
-    #[error("{0}")]
-    Start(StartFailure),
-    /// The launcher ended before the rig was up.
-    #[error("the launcher ended before the rig was up: {message}")]
-    Launcher {
-        /// Its own message, or the end of its log.
-        message: String,
-    },
-    /// The start was aborted by a signal or by `stop`.
-    #[error("the start of rig {rig} was aborted: {cause}; all that had been started was stopped")]
-    BrokenOff {
-        /// The rig.
-        rig: String,
-        /// What aborted it.
-        cause: String,
-    },
+    /// The rig did not come up.
+    #[error(transparent)]
+    Start(#[from] StartError),
     /// The launcher is alive but does not answer.
     #[error("launcher {launcher} did not {what} within {seconds} s")]
     Silent {

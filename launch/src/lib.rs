@@ -39,7 +39,7 @@ pub mod units;
 
 pub use client::{Running, restart, start, status, stop};
 pub use config::Config;
-pub use error::{Error, StartFailure};
+pub use error::{Error, StartError, StartFailure};
 pub use identity::{ProcessIdentity, boot_id};
 pub use run_dir::RunDir;
 pub use scheduling::Scheduling;

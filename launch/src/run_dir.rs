@@ -6,25 +6,15 @@ use std::os::fd::{AsFd, OwnedFd};
 use std::os::unix::fs::{DirBuilderExt, MetadataExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
 
+use serde::Serialize;
 use serde::de::DeserializeOwned;
-use serde::{Deserialize, Serialize};
 
 use crate::status::Status;
-use crate::{Config, Error, StartFailure, boot_id};
+use crate::{Config, Error, boot_id};
 
 /// Paths within the rig's directory.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct RunDir(PathBuf);
-
-/// Why the launcher ended before the rig was up, for `start`.
-#[derive(Clone, Debug, Serialize, Deserialize)]
-pub(crate) enum StartError {
-    Unit(StartFailure),
-    /// What aborted it.
-    BrokenOff(String),
-    /// The launcher's own message.
-    Other(String),
-}
 
 impl RunDir {
     /// Names the directory; it need not exist.

@@ -18,9 +18,8 @@ use crate::lifecycle::{Action, Lifecycle};
 use crate::log::{self, Journal};
 use crate::notify::{Notification, NotifySocket};
 use crate::process::{self, Process};
-use crate::run_dir::StartError;
 use crate::status::{RigState, Status, StopReport, UnitState, UnitStatus, UnitStop, unix_ms};
-use crate::{Config, Error, ProcessIdentity, RunDir, Scheduling, boot_id};
+use crate::{Config, Error, ProcessIdentity, RunDir, Scheduling, StartError, boot_id};
 
 /// `status.json` is written at least this often.
 const STATUS_PERIOD: Duration = Duration::from_millis(200);
@@ -49,9 +48,8 @@ pub fn launcher_main(run_dir: &Path) -> Result<(), Error> {
     };
     supervised().map(|_| ()).inspect_err(|error| {
         let cause = match error {
-            Error::Start(failure) => StartError::Unit(failure.clone()),
-            Error::BrokenOff { cause, .. } => StartError::BrokenOff(cause.clone()),
-            other => StartError::Other(other.to_string()),
+            Error::Start(cause) => cause.clone(),
+            other => StartError::Launcher(other.to_string()),
         };
         // If it cannot be written, `start` shows the log instead.
         let _ = run_dir.write_json(&run_dir.failure_json(), &cause);

@@ -2,7 +2,7 @@
 
 use super::Supervisor;
 use crate::status::{StopReport, UnitStop, unix_ms};
-use crate::{Error, StartFailure, log};
+use crate::{Error, StartError, StartFailure, log};
 
 /// Lines of a unit's log in the report of a failed start.
 const TAIL_LINES: usize = 20;
@@ -80,8 +80,10 @@ impl Supervisor {
         self.run_dir.clean();
         self.control.report(&report);
         match failure {
-            Some(failure) => Err(Error::Start(failure)),
-            None if self.aborted => Err(Error::BrokenOff { rig: report.rig_name, cause }),
+            Some(failure) => Err(StartError::Unit(failure).into()),
+            None if self.aborted => {
+                Err(StartError::BrokenOff { rig: report.rig_name, cause }.into())
+            }
             None => Ok(report),
         }
     }

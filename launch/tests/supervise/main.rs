@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use ipc_types::PROCESSES;
 use launch::units::SchedulingPolicy;
-use launch::{Error, ProcessIdentity, RigState, RunDir, UnitState};
+use launch::{Error, ProcessIdentity, RigState, RunDir, StartError, UnitState};
 use rig::{Rig, until};
 use rustix::process::Signal;
 
@@ -158,7 +158,7 @@ fn a_unit_that_fails_to_start_stops_all_others_with_a_reason() {
     let mut rig = Rig::new();
     rig.behave("b", "fail");
     let error = rig.start().unwrap_err();
-    let Error::Start(failure) = error else { panic!("{error}") };
+    let Error::Start(StartError::Unit(failure)) = error else { panic!("{error}") };
     assert_eq!((failure.unit.as_str(), failure.attempts), ("b", 3));
     assert!(failure.reason.contains("exit code 1"), "{}", failure.reason);
     assert!(failure.log_tail.contains("the rig file has no [axis]"), "{}", failure.log_tail);
@@ -172,7 +172,9 @@ fn a_unit_that_fails_to_start_stops_all_others_with_a_reason() {
 fn exit_code_2_prevents_a_restart() {
     let mut rig = Rig::new();
     rig.behave("b", "usage");
-    assert!(matches!(rig.start(), Err(Error::Start(failure)) if failure.attempts == 1));
+    assert!(
+        matches!(rig.start(), Err(Error::Start(StartError::Unit(failure))) if failure.attempts == 1)
+    );
     assert_eq!(rig.events(&["start"]), ["a start", "b start"]);
 }
 
