@@ -326,7 +326,7 @@ fn truncated_and_empty_recordings_are_refused_and_can_be_recovered() {
     let recovered =
         rig.farreach(["rec", "recover"]).arg(&torn).arg("-o").arg(&mended).output().unwrap();
     assert_eq!(recovered.status.code(), Some(3), "{}", told(&recovered));
-    assert!(Recording::open(&mended).unwrap().tail().complete);
+    assert!(Recording::open(&mended).unwrap().tail.complete);
     let output = replay(&mended);
     assert!(output.status.success(), "a recovered recording is replayed: {}", told(&output));
     rig.down();

@@ -173,9 +173,9 @@ impl Copy<'_> {
     /// source: between the others, the sequence numbers themselves show the gap.
     fn metadata(&mut self, writer: &mut Output) -> Result<(), EditError> {
         for (index, source) in self.sources.iter().enumerate() {
-            self.report.tail_bytes_lost += source.tail().lost;
-            self.report.attachments_left_out += source.attachments();
-            for (name, metadata) in source.metadata_records() {
+            self.report.tail_bytes_lost += source.tail.lost;
+            self.report.attachments_left_out += source.attachments;
+            for (name, metadata) in &source.metadata_records {
                 if name == CONTINUES_RECORD && (index > 0 || self.selection.from_ns.is_some()) {
                     continue;
                 }
@@ -191,7 +191,7 @@ impl Copy<'_> {
         let mut channels = Vec::new();
         for source in self.sources {
             let mut map = BTreeMap::new();
-            for (&id, channel) in source.channels() {
+            for (&id, channel) in &source.channels {
                 let schema = if channel.schema_name.is_empty() && channel.schema.is_empty() {
                     0
                 } else {

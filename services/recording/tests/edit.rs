@@ -44,7 +44,7 @@ fn a_damaged_chunk_costs_that_chunk_only_and_recover_keeps_the_rest() {
     let report = rewrite(&[&recording], None, None, &BTreeMap::new(), &out).unwrap();
     assert_eq!(report.damaged_chunks, 1);
     let recovered = Recording::open(&out).unwrap();
-    assert!(recovered.tail().complete && recovered.check().unwrap().damage.is_empty());
+    assert!(recovered.tail.complete && recovered.check().unwrap().damage.is_empty());
     assert_eq!(samples(&recovered), left);
     assert_eq!(recovered.metadata(key::RIG), Some("hydrostatic"));
     assert!(
@@ -157,7 +157,7 @@ fn recordings_of_version_0_1_0_are_read_and_merged() {
     let [first, second] = &parts;
     assert_eq!(first.metadata("subject"), Some("S07"));
     assert!(first.metadata(key::RIG_FILE).unwrap().contains("name = \"hydrostatic\""));
-    assert!(!first.tail().complete && second.ended_cleanly());
+    assert!(!first.tail.complete && second.ended_cleanly());
     check_related(&[first, second]).unwrap();
     let dir = tempfile::tempdir().unwrap();
     let out = dir.path().join("whole.mcap");

@@ -30,7 +30,7 @@ fn what_was_written_is_read_back_bit_by_bit_with_times_and_metadata() {
     assert_eq!(recording.metadata(key::RIG_FILE), Some("[rig]\nname = \"hydrostatic\" # ä µ\n"));
     assert_eq!(recording.metadata(key::STARTED_NS), Some("7"));
     assert_eq!(recording.end_record().unwrap()["sample.received"], "5000");
-    assert_eq!(recording.channels().len(), TOPICS.len());
+    assert_eq!(recording.channels.len(), TOPICS.len());
     for (i, recorded) in recording.messages::<Sample>("sample").unwrap().enumerate() {
         let recorded = recorded.unwrap();
         assert_eq!(recorded.message.as_bytes(), sample(i as u64).as_bytes());
@@ -130,7 +130,7 @@ fn a_full_disk_is_reported_once_and_leaves_what_was_flushed() {
         let path = dir.path().join(format!("{room}.mcap"));
         fs::write(&path, &bytes).unwrap();
         match Recording::open(&path) {
-            Ok(recording) if !recording.channels().is_empty() => {
+            Ok(recording) if !recording.channels.is_empty() => {
                 let found = samples(&recording);
                 assert!(found.iter().enumerate().all(|(i, s)| *s == sample(i as u64)));
                 assert!(
@@ -159,19 +159,19 @@ fn a_killed_logger_leaves_everything_up_to_the_last_flush() {
     }
     // The writer still lives: the file is growing, and nothing is lost.
     let growing = Recording::open(&path).unwrap();
-    assert!(growing.tail().being_written && !growing.tail().complete);
-    assert!(growing.tail().reason.contains("still being written"));
+    assert!(growing.tail.being_written && !growing.tail.complete);
+    assert!(growing.tail.reason.contains("still being written"));
     assert!(!growing.check().unwrap().data_lost());
     // What SIGKILL leaves: the file as it is, without the writer's lock.
     let killed = dir.path().join("killed.mcap");
     fs::copy(&path, &killed).unwrap();
     let recording = Recording::open(&killed).unwrap();
-    assert!(!recording.ended_cleanly() && !recording.tail().complete);
+    assert!(!recording.ended_cleanly() && !recording.tail.complete);
     let found = samples(&recording);
     assert_eq!(found, (0..found.len() as u64).map(sample).collect::<Vec<_>>());
     let flush_samples = (FLUSH_NS / common::PERIOD_NS) as usize;
     assert!(found.len() > 3000 - flush_samples - 1, "{}", found.len());
-    assert!(!recording.tail().being_written);
+    assert!(!recording.tail.being_written);
     assert!(recording.check().unwrap().data_lost());
 }
 
@@ -194,9 +194,9 @@ fn a_file_cut_anywhere_reads_as_a_prefix() {
             Err(ReadError::NotMcap { .. }) if place < 8 => continue,
             Err(other) => panic!("{place}: {other}"),
         };
-        assert!(!recording.tail().complete, "{place}");
-        assert_eq!(recording.tail().readable + recording.tail().lost, place as u64);
-        assert!(!recording.tail().reason.is_empty());
+        assert!(!recording.tail.complete, "{place}");
+        assert_eq!(recording.tail.readable + recording.tail.lost, place as u64);
+        assert!(!recording.tail.reason.is_empty());
         if recording.channels_of("sample").is_err() {
             continue;
         }
@@ -257,7 +257,7 @@ fn zeros_after_the_data_are_a_torn_tail() {
     torn.extend_from_slice(&[0; 8192]);
     fs::write(&path, torn).unwrap();
     let recording = Recording::open(&path).unwrap();
-    assert!(!recording.tail().complete && recording.tail().lost > 0);
+    assert!(!recording.tail.complete && recording.tail.lost > 0);
     let found = samples(&recording);
     assert!(!found.is_empty() && found.iter().enumerate().all(|(i, s)| *s == sample(i as u64)));
 }
@@ -401,7 +401,7 @@ fn a_damaged_summary_makes_no_topic_another_and_hides_no_chunk() {
     write_file(&path, 300);
     let sound = fs::read(&path).unwrap();
     let whole = Recording::open(&path).unwrap();
-    assert_eq!((whole.damage().len(), whole.check().unwrap().data_lost()), (0, false));
+    assert_eq!((whole.damage.len(), whole.check().unwrap().data_lost()), (0, false));
     let written = samples(&whole);
     // the footer stands before the end mark: opcode, length, start of the summary, start of its
     // offsets, checksum
@@ -415,7 +415,7 @@ fn a_damaged_summary_makes_no_topic_another_and_hides_no_chunk() {
         let recording = Recording::open(&path).unwrap();
         assert_eq!(samples(&recording), written, "byte {at}");
         assert!(recording.check().unwrap().data_lost(), "byte {at}");
-        assert_eq!(recording.channels().len(), TOPICS.len(), "byte {at}");
+        assert_eq!(recording.channels.len(), TOPICS.len(), "byte {at}");
     }
 }
 

@@ -126,7 +126,7 @@ fn machine(rig: &RigFile) -> String {
 fn check_machine(path: &Path, rig: &RigFile) -> Result<()> {
     let recording =
         Recording::open(path).map_err(|error| IdentifyError::Read(error.to_string()))?;
-    let starts = recording.metadata_records().iter().filter(|(name, _)| name == START_RECORD);
+    let starts = recording.metadata_records.iter().filter(|(name, _)| name == START_RECORD);
     for (_, start) in starts {
         let text = start.get(key::RIG_FILE).and_then(|text| RigFile::parse(text, "rig_file").ok());
         let found = match (&text, start.get(key::RIG)) {

@@ -58,8 +58,8 @@ pub(crate) fn cat(
         }
     }
     out.flush()?;
-    if !recording.tail().complete {
-        eprintln!("{}: {}", file.display(), recording.tail().reason);
+    if !recording.tail.complete {
+        eprintln!("{}: {}", file.display(), recording.tail.reason);
     }
     Ok(code)
 }

@@ -103,7 +103,7 @@ fn whole_topic(
     if header.is_none()
         && let Some(layout) = channels
             .first()
-            .and_then(|id| recording.channels().get(id))
+            .and_then(|id| recording.channels.get(id))
             .and_then(|channel| channel.layout.as_ref().ok())
     {
         table.write_record(header_of(layout))?;

@@ -16,7 +16,7 @@ use crate::{DATA_LOST, DONE};
 /// Prints one entry of the metadata: of the recording, or of a protocol that was played.
 pub(crate) fn text(file: &Path, key: &str, out: &mut dyn Write) -> anyhow::Result<i32> {
     let recording = Recording::open(file)?;
-    let records = || recording.metadata_records().iter().map(|(_, entries)| entries);
+    let records = || recording.metadata_records.iter().map(|(_, entries)| entries);
     let Some(text) = records().find_map(|entries| entries.get(key)) else {
         let keys: BTreeSet<&str> = records().flatten().map(|(key, _)| key.as_str()).collect();
         let keys = Vec::from_iter(keys);
@@ -50,9 +50,9 @@ pub(crate) fn info(file: &Path, json: bool, out: &mut dyn Write) -> anyhow::Resu
     writeln!(
         out,
         "{name}: {} bytes, {} chunks, written by {}",
-        grouped(recording.bytes()),
+        grouped(recording.bytes),
         recording.blocks(),
-        if recording.library().is_empty() { "an unknown program" } else { recording.library() }
+        if recording.library.is_empty() { "an unknown program" } else { &recording.library }
     )?;
     if let (Some(origin), Some((_, last))) = (check.origin_ns, check.span_ns()) {
         let began = humantime::format_rfc3339_seconds(UNIX_EPOCH + Duration::from_nanos(origin));
@@ -128,7 +128,7 @@ pub(crate) fn verify(file: &Path, json: bool, out: &mut dyn Write) -> anyhow::Re
             out,
             "{}: {}nothing lost: {} messages, {} topics with data, every checksum right",
             file.display(),
-            if recording.tail().being_written { "still being written; so far " } else { "" },
+            if recording.tail.being_written { "still being written; so far " } else { "" },
             grouped(check.messages()),
             check.topics.iter().filter(|topic| topic.count > 0).count()
         )?;
@@ -172,7 +172,7 @@ fn places(number: u64) -> String {
 }
 
 fn losses(recording: &Recording, check: &Check, out: &mut dyn Write) -> std::io::Result<()> {
-    let tail = recording.tail();
+    let tail = &recording.tail;
     if !tail.complete {
         let lost = match (tail.being_written, tail.lost) {
             (true, _) => String::new(),
@@ -200,25 +200,25 @@ fn as_json(recording: &Recording, check: &Check) -> Value {
     };
     let topics: Vec<Value> = check.topics.iter().map(topic).collect();
     let metadata: Vec<Value> = recording
-        .metadata_records()
+        .metadata_records
         .iter()
         .map(|(name, map)| json!({"name": name, "values": map}))
         .collect();
     json!({
         "file": recording.path().to_string_lossy(),
-        "bytes": recording.bytes(),
+        "bytes": recording.bytes,
         "chunks": recording.blocks(),
-        "library": recording.library(),
+        "library": recording.library,
         "data_lost": check.data_lost(),
         "complete": check.complete,
         "ended_cleanly": check.ended_cleanly,
-        "tail": {"lost_bytes": recording.tail().lost, "reason": recording.tail().reason},
+        "tail": {"lost_bytes": recording.tail.lost, "reason": recording.tail.reason},
         "damage": check.damage,
         "ticks": check.ticks,
         "topics": topics,
         "metadata": metadata,
         "began_ns": check.origin_ns,
-        "being_written": recording.tail().being_written,
+        "being_written": recording.tail.being_written,
     })
 }
 

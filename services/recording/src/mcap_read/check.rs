@@ -151,7 +151,7 @@ impl Recording {
     /// # Errors
     /// [`ReadError::Io`] only; damage is part of the result.
     pub fn check(&self) -> Result<Check, ReadError> {
-        let mut damage = self.damage().to_vec();
+        let mut damage = self.damage.to_vec();
         let mut topics = self.followed_topics();
         let began_ns = self.began_ns().unwrap_or(0);
         let mut origin_ns: Option<u64> = None;
@@ -208,8 +208,8 @@ impl Recording {
             topics,
             damage,
             ticks,
-            complete: self.tail().complete,
-            being_written: self.tail().being_written,
+            complete: self.tail.complete,
+            being_written: self.tail.being_written,
             ended_cleanly: self.start_record().is_none() || self.ended_cleanly(),
             origin_ns: origin_ns.or(first_ns),
         })
@@ -219,7 +219,7 @@ impl Recording {
     /// files) count together.
     fn followed_topics(&self) -> BTreeMap<&str, Follow> {
         let mut topics: BTreeMap<&str, Follow> = BTreeMap::new();
-        for channel in self.channels().values() {
+        for channel in self.channels.values() {
             let Follow { check, .. } = topics.entry(&channel.topic).or_default();
             check.topic.clone_from(&channel.topic);
             check.schema_name.clone_from(&channel.schema_name);

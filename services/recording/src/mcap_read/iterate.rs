@@ -79,7 +79,7 @@ impl Recording {
         let ids = self.channels_of(topic)?;
         let mut conversions = BTreeMap::new();
         for id in &ids {
-            let Some(channel) = self.channels().get(id) else { continue };
+            let Some(channel) = self.channels.get(id) else { continue };
             let layout = channel.layout.clone().map_err(|source| ReadError::Schema {
                 path: self.path().to_owned(),
                 topic: topic.to_owned(),

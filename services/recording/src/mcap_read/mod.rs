@@ -162,15 +162,22 @@ pub struct Damage {
 pub struct Recording {
     path: PathBuf,
     file: File,
-    bytes: u64,
-    library: String,
+    /// Size of the file (bytes).
+    pub bytes: u64,
+    /// The program that wrote it.
+    pub library: String,
     blocks: Vec<block::Block>,
-    channels: BTreeMap<u16, Channel>,
-    metadata: Vec<(String, BTreeMap<String, String>)>,
-    attachments: u64,
-    damage: Vec<Damage>,
+    /// The channels, by number.
+    pub channels: BTreeMap<u16, Channel>,
+    /// All metadata records in order: name and content.
+    pub metadata_records: Vec<(String, BTreeMap<String, String>)>,
+    /// Attachments; farreach writes none.
+    pub attachments: u64,
+    /// Records that were found unreadable when the file was opened (chunks are looked into later).
+    pub damage: Vec<Damage>,
     data_end: Option<summary::DataEnd>,
-    tail: Tail,
+    /// How the file ends.
+    pub tail: Tail,
 }
 
 impl Recording {
@@ -187,25 +194,9 @@ impl Recording {
     pub fn path(&self) -> &Path {
         &self.path
     }
-    /// Size of the file (bytes).
-    pub fn bytes(&self) -> u64 {
-        self.bytes
-    }
-    /// The program that wrote it.
-    pub fn library(&self) -> &str {
-        &self.library
-    }
-    /// The channels, by number.
-    pub fn channels(&self) -> &BTreeMap<u16, Channel> {
-        &self.channels
-    }
     /// The channel of a message.
     pub fn channel(&self, message: &RawMessage) -> Option<&Channel> {
         self.channels.get(&message.channel_id())
-    }
-    /// All metadata records in order: name and content.
-    pub fn metadata_records(&self) -> &[(String, BTreeMap<String, String>)] {
-        &self.metadata
     }
     /// The metadata written at the start; `None` for files that farreach did not write.
     pub fn start_record(&self) -> Option<&BTreeMap<String, String>> {
@@ -244,21 +235,9 @@ impl Recording {
         let ends = self.records(END_RECORD).filter(clean).count();
         self.tail.complete && ends > 0 && ends >= self.records(START_RECORD).count()
     }
-    /// How the file ends.
-    pub fn tail(&self) -> &Tail {
-        &self.tail
-    }
-    /// Records that were found unreadable when the file was opened (chunks are looked into later).
-    pub fn damage(&self) -> &[Damage] {
-        &self.damage
-    }
     /// Chunks, and runs of messages outside chunks.
     pub fn blocks(&self) -> usize {
         self.blocks.len()
-    }
-    /// Attachments; farreach writes none.
-    pub fn attachments(&self) -> u64 {
-        self.attachments
     }
 
     fn record(&self, name: &str) -> Option<&BTreeMap<String, String>> {
@@ -266,7 +245,10 @@ impl Recording {
     }
 
     fn records(&self, name: &str) -> impl Iterator<Item = &BTreeMap<String, String>> {
-        self.metadata.iter().filter(move |(found, _)| found == name).map(|(_, content)| content)
+        self.metadata_records
+            .iter()
+            .filter(move |(found, _)| found == name)
+            .map(|(_, content)| content)
     }
 
     /// The channels of a topic (a merged file may have several).

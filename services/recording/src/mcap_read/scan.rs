@@ -51,7 +51,7 @@ pub(super) fn open(path: &Path) -> Result<Recording, ReadError> {
         library: String::new(),
         blocks: Vec::new(),
         channels: BTreeMap::new(),
-        metadata: Vec::new(),
+        metadata_records: Vec::new(),
         attachments: 0,
         damage: Vec::new(),
         data_end: None,
@@ -211,7 +211,7 @@ impl Found {
         match mcap::parse_record(opcode, body) {
             Ok(Record::Header(header)) => self.recording.library = header.library,
             Ok(Record::Metadata(metadata)) => {
-                self.recording.metadata.push((metadata.name, metadata.metadata))
+                self.recording.metadata_records.push((metadata.name, metadata.metadata))
             }
             Ok(Record::DataEnd(end)) => {
                 self.recording.data_end =

@@ -20,7 +20,7 @@ impl Recording {
     /// [`ReadError::Io`].
     pub fn end_positions(&self) -> Result<Positions, ReadError> {
         let mut positions = self.continues();
-        let mut wanted: BTreeSet<u16> = self.channels().keys().copied().collect();
+        let mut wanted: BTreeSet<u16> = self.channels.keys().copied().collect();
         let mut buffer = Vec::new();
         for block in self.blocks.iter().rev() {
             // The message indexes have no checksum, but what a killed logger leaves is torn, not

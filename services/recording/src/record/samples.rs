@@ -114,7 +114,7 @@ pub fn from_recording(
             text: format!("{repeated} samples occur twice: the repetitions were left out"),
         });
     }
-    if !recording.tail().complete {
+    if !recording.tail.complete {
         findings.push(Finding {
             column: TIME.to_owned(),
             kind: FindingKind::Torn,
@@ -122,7 +122,7 @@ pub fn from_recording(
             rows: 0,
             text: format!(
                 "{}; what came after sample {} is missing",
-                recording.tail().reason,
+                recording.tail.reason,
                 samples.len()
             ),
         });

@@ -90,7 +90,7 @@ fn read_topic(
     let ids = recording.channels_of(topic)?;
     let mut decoders = BTreeMap::new();
     for id in &ids {
-        let Some(channel) = recording.channels().get(id) else { continue };
+        let Some(channel) = recording.channels.get(id) else { continue };
         decoders.insert(*id, Decoder::of(channel).map_err(|what| first.problem(what).of(file))?);
     }
     let mut times = Vec::new();

@@ -45,7 +45,7 @@ impl Trace {
     pub fn read(path: &Path) -> anyhow::Result<Self> {
         let recording = Recording::open(path)?;
         let mut trace = Self::default();
-        let wanted = recording.channels().iter();
+        let wanted = recording.channels.iter();
         let decoders: BTreeMap<u16, Decoder<'_>> =
             wanted.filter_map(|(id, channel)| Some((*id, decoder(channel)?))).collect();
         let channels = Some(decoders.keys().copied().collect());
@@ -81,7 +81,7 @@ impl Trace {
                 TOPICS.iter().map(|topic| (topic.name.to_owned(), lost(topic.name))).collect();
         }
         trace.check = recording.check()?;
-        trace.bytes = recording.bytes();
+        trace.bytes = recording.bytes;
         trace.revision = recording.metadata(key::REVISION).map(str::to_owned);
         Ok(trace)
     }
