@@ -84,6 +84,18 @@ impl std::fmt::Display for Value {
     }
 }
 
+impl serde::Serialize for Value {
+    /// As a number. JSON has neither NaN nor infinity: these become text.
+    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        match self {
+            Self::Unsigned(v) => serializer.serialize_u64(*v),
+            Self::Signed(v) => serializer.serialize_i64(*v),
+            Self::Float(v) if v.is_finite() => serializer.serialize_f64(*v),
+            Self::Float(v) => serializer.collect_str(v),
+        }
+    }
+}
+
 /// One field of a message: where it lies, what it holds, what its doc comment says. A layout that
 /// was read from a recording owns its names ([`String`]) and has neither documentation nor codes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -150,6 +162,27 @@ impl<Name: AsRef<str>> Field<Name> {
     /// All elements, as far as the bytes of a message hold them.
     pub fn read_all<'a>(&'a self, bytes: &'a [u8]) -> impl Iterator<Item = Value> + 'a {
         (0..self.count()).map_while(|index| self.read(bytes, index))
+    }
+
+    /// The value as text: a number, or `[a,b,...]` for an array.
+    pub fn values_text(&self, bytes: &[u8]) -> String {
+        let values: Vec<_> = self.read_all(bytes).map(|value| value.to_string()).collect();
+        if self.array.is_some() { format!("[{}]", values.join(",")) } else { values.concat() }
+    }
+
+    /// The field that holds the used length of this one, if this one is an event's text; `fields`
+    /// are those of the message.
+    pub fn text_length<'f>(&self, fields: &'f [Self]) -> Option<&'f Self> {
+        let is_text = self.name.as_ref() == "text" && self.array.is_some();
+        fields.iter().find(|other| is_text && other.name.as_ref() == "text_len")
+    }
+
+    /// An event's text; `None` for any other field.
+    pub fn event_text(&self, fields: &[Self], bytes: &[u8]) -> Option<String> {
+        let length = self.text_length(fields)?.read(bytes, 0)?.as_f64() as usize;
+        let text: Vec<u8> =
+            self.read_all(bytes).take(length).map(|value| value.as_f64() as u8).collect();
+        Some(String::from_utf8_lossy(&text).into_owned())
     }
 
     /// Element `index` out of the bytes of a message; `None` where the bytes are too short.

@@ -13,9 +13,8 @@ use std::process::{Child, Command, Stdio};
 use rustix::process::{Pid, PidfdFlags, Signal, kill_process_group, pidfd_open, pidfd_send_signal};
 
 use crate::lifecycle::Exit;
-use crate::scheduling::ChildSetup;
 use crate::units::Unit;
-use crate::{Config, Error, Leftover, ProcessIdentity, RunDir, log};
+use crate::{Config, Error, Leftover, ProcessIdentity, RunDir, log, scheduling};
 
 /// Set in every process's environment: they identify a process of the rig that is in no status.
 const UNIT_VARIABLE: &str = "FARREACH_UNIT";
@@ -47,12 +46,12 @@ impl Process {
             .stderr(errors)
             // Ctrl-C at a terminal must reach the launcher alone, which stops the units in order.
             .process_group(0);
-        let setup = ChildSetup::of(unit);
-        // SAFETY: `apply` makes system calls on numbers that it owns; it neither allocates nor
+        let own = unit.clone();
+        // SAFETY: `request` makes system calls on numbers in the unit; it neither allocates nor
         // locks.
         unsafe {
             command.pre_exec(move || {
-                setup.apply();
+                scheduling::request(&own);
                 Ok(())
             });
         }

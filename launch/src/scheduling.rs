@@ -23,32 +23,18 @@ pub struct Scheduling {
 }
 
 /// What the child sets for itself between fork and exec, where it may neither allocate nor lock:
-/// plain numbers.
-#[derive(Clone, Copy)]
-pub(crate) struct ChildSetup {
-    locks_memory: bool,
-    rtprio: Option<u64>,
-    policy: SchedulingPolicy,
-}
-
-impl ChildSetup {
-    pub(crate) fn of(unit: &Unit) -> Self {
-        Self { locks_memory: unit.locks_memory, rtprio: unit.limit_rtprio, policy: unit.scheduling }
+/// requests everything and continues without what is refused. System calls only.
+pub(crate) fn request(unit: &Unit) {
+    if unit.locks_memory {
+        raise(Resource::Memlock, None);
     }
-
-    /// Requests everything and continues without what is refused. System calls only.
-    pub(crate) fn apply(&self) {
-        if self.locks_memory {
-            raise(Resource::Memlock, None);
-        }
-        if self.rtprio.is_some() {
-            raise(Resource::Rtprio, self.rtprio);
-        }
-        match self.policy {
-            SchedulingPolicy::Other => {}
-            SchedulingPolicy::Fifo(priority) => set_scheduler(libc::SCHED_FIFO, priority),
-            SchedulingPolicy::Rr(priority) => set_scheduler(libc::SCHED_RR, priority),
-        }
+    if unit.limit_rtprio.is_some() {
+        raise(Resource::Rtprio, unit.limit_rtprio);
+    }
+    match unit.scheduling {
+        SchedulingPolicy::Other => {}
+        SchedulingPolicy::Fifo(priority) => set_scheduler(libc::SCHED_FIFO, priority),
+        SchedulingPolicy::Rr(priority) => set_scheduler(libc::SCHED_RR, priority),
     }
 }
 

@@ -54,14 +54,7 @@ impl<'a> Source<'a> {
 
     /// The outermost section.
     pub(crate) fn root<'s>(&'s self, table: &'s DeTable<'a>) -> Section<'s> {
-        Section {
-            source: self,
-            table: Some(table),
-            path: String::new(),
-            line: 1,
-            known: RefCell::default(),
-            tables: RefCell::default(),
-        }
+        Section::new(self, Some(table), String::new(), 1)
     }
 
     fn line(&self, at: usize) -> usize {
@@ -96,19 +89,11 @@ impl<'a> Source<'a> {
         found: impl Display,
         advice: impl Display,
     ) -> bool {
-        self.problem_on(self.line_of(key), key, expected, found, advice);
+        self.report(Problem::new(self.file, self.line_of(key), key, expected, found, advice));
         false
     }
 
-    fn problem_on(
-        &self,
-        line: usize,
-        key: &str,
-        expected: impl Display,
-        found: impl Display,
-        advice: impl Display,
-    ) {
-        let problem = Problem::new(self.file, line, key, expected, found, advice);
+    fn report(&self, problem: Problem) {
         self.problems.borrow_mut().push(problem);
     }
 
@@ -178,6 +163,15 @@ pub(crate) struct Section<'s> {
 }
 
 impl<'s> Section<'s> {
+    fn new(
+        source: &'s Source<'s>,
+        table: Option<&'s DeTable<'s>>,
+        path: String,
+        line: usize,
+    ) -> Self {
+        Self { source, table, path, line, known: RefCell::default(), tables: RefCell::default() }
+    }
+
     /// Declares the keys of the section. Afterwards only these can be read.
     pub(crate) fn document(&self, section: &'static str, keys: Keys) {
         self.tables.borrow_mut().push((section, keys));
@@ -247,7 +241,7 @@ impl<'s> Section<'s> {
     fn required(&self, key: &str, expected: &str) -> Option<&'s Spanned<DeValue<'s>>> {
         let value = self.value(key);
         if value.is_none() {
-            self.source.problem_on(self.line, &self.path(key), expected, "nothing", "add the key");
+            self.problem(key, expected, "nothing", "add the key");
         }
         value
     }
@@ -262,7 +256,8 @@ impl<'s> Section<'s> {
     ) {
         let name = self.table.and_then(|table| table.get_key_value(key)).map(|(name, _)| name);
         let line = name.map_or(self.line, |name| self.source.line(name.span().start));
-        self.source.problem_on(line, &self.path(key), expected, found, advice);
+        let (file, key) = (self.source.file, self.path(key));
+        self.source.report(Problem::new(file, line, &key, expected, found, advice));
     }
 
     /// As [`Self::problem`]; returns `None`, for a reader to return.
@@ -293,14 +288,7 @@ impl<'s> Section<'s> {
             self.problem(key, "a table of keys", describe(value.get_ref()), advice);
         }
         self.source.lines.borrow_mut().entry(path.clone()).or_insert(line);
-        Section {
-            source: self.source,
-            table,
-            path,
-            line,
-            known: RefCell::default(),
-            tables: RefCell::default(),
-        }
+        Section::new(self.source, table, path, line)
     }
 
     /// The sections of a list (`[[key]]`).

@@ -1,8 +1,8 @@
 //! Formats messages as text and JSON, by the table of fields.
 
 use anyhow::{Context, bail};
-use ipc_types::{Field, Topic, Value};
-use serde_json::{Map, Value as Json};
+use ipc_types::{Field, Topic};
+use serde_json::{Map, Value as Json, json};
 
 /// A field or one element of it, with its name.
 #[derive(Clone, Debug)]
@@ -48,57 +48,28 @@ fn pick(topic: &'static Topic, text: &str) -> anyhow::Result<Pick> {
     }
 }
 
-/// The text of an event: bytes, and a length in another field.
-fn as_text(topic: &Topic, field: &Field, bytes: &[u8]) -> Option<String> {
-    let length =
-        topic.fields.iter().find(|other| field.name == "text" && other.name == "text_len")?;
-    let length = length.read(bytes, 0)?.as_f64() as usize;
-    let text = bytes.get(field.offset..field.offset + length.min(field.count()))?;
-    Some(String::from_utf8_lossy(text).into_owned())
-}
-
-/// JSON has neither NaN nor infinity: these become text.
-fn number(value: Value) -> Json {
-    match value {
-        Value::Unsigned(value) => value.into(),
-        Value::Signed(value) => value.into(),
-        Value::Float(value) if value.is_finite() => value.into(),
-        Value::Float(value) => value.to_string().into(),
-    }
-}
-
-fn elements(field: &'static Field, bytes: &[u8]) -> impl Iterator<Item = Value> {
-    (0..field.count()).filter_map(move |index| field.read(bytes, index))
-}
-
 /// The picked fields by name.
 pub(crate) fn json(topic: &Topic, picks: &[Pick], bytes: &[u8]) -> Map<String, Json> {
     let value = |pick: &Pick| match (pick.index, pick.field.array) {
-        (None, Some(_)) => match as_text(topic, pick.field, bytes) {
+        (None, Some(_)) => match pick.field.event_text(topic.fields, bytes) {
             Some(text) => text.into(),
-            None => elements(pick.field, bytes).map(number).collect(),
+            None => json!(pick.field.read_all(bytes).collect::<Vec<_>>()),
         },
-        (index, _) => pick.field.read(bytes, index.unwrap_or(0)).map_or(Json::Null, number),
+        (index, _) => json!(pick.field.read(bytes, index.unwrap_or(0))),
     };
     picks.iter().map(|pick| (pick.name.clone(), value(pick))).collect()
 }
 
 /// The picked fields in one line.
 pub(crate) fn line(topic: &Topic, picks: &[Pick], bytes: &[u8]) -> String {
-    let value = |pick: &Pick| match (pick.index, pick.field.array) {
-        (None, Some(_)) => match as_text(topic, pick.field, bytes) {
+    let value = |pick: &Pick| match pick.index {
+        None => match pick.field.event_text(topic.fields, bytes) {
             Some(text) => format!("{text:?}"),
-            None => {
-                let values: Vec<_> =
-                    elements(pick.field, bytes).map(|value| value.to_string()).collect();
-                format!("[{}]", values.join(","))
-            }
+            None => pick.field.values_text(bytes),
         },
-        (index, _) => pick
-            .field
-            .read(bytes, index.unwrap_or(0))
-            .map(|value| value.to_string())
-            .unwrap_or_default(),
+        Some(index) => {
+            pick.field.read(bytes, index).map(|value| value.to_string()).unwrap_or_default()
+        }
     };
     let pairs: Vec<_> = picks.iter().map(|pick| format!("{}={}", pick.name, value(pick))).collect();
     pairs.join(" ")

@@ -81,8 +81,8 @@ fn message_json(
     let mut names = Map::new();
     for field in &layout.fields {
         let value = match field.array {
-            None => field.read(body, 0).map_or(serde_json::Value::Null, value_json),
-            Some(_) => field.read_all(body).map(value_json).collect(),
+            None => json!(field.read(body, 0)),
+            Some(_) => json!(field.read_all(body).collect::<Vec<_>>()),
         };
         if let Some(name) = code_name_of(field, layout, body) {
             names.insert(field.name.clone(), name.into());
@@ -102,16 +102,6 @@ fn message_json(
     object
 }
 
-/// JSON has no NaN and no infinity: they are written as strings rather than dropped.
-fn value_json(value: Value) -> serde_json::Value {
-    match value {
-        Value::Unsigned(v) => v.into(),
-        Value::Signed(v) => v.into(),
-        Value::Float(v) if v.is_finite() => v.into(),
-        Value::Float(v) => v.to_string().into(),
-    }
-}
-
 /// All fields as ` name=value`, without padding.
 fn fields_text(layout: &Layout, body: &[u8]) -> String {
     let mut text = String::new();
@@ -126,14 +116,10 @@ fn field_text(field: &LayoutField, layout: &Layout, body: &[u8]) -> String {
     if let Some(name) = code_name_of(field, layout, body) {
         return name.replace(' ', "_");
     }
-    if field.array.is_none() {
-        return field.read(body, 0).map(|value| value.to_string()).unwrap_or_default();
+    match field.event_text(&layout.fields, body) {
+        Some(text) => format!("{text:?}"),
+        None => field.values_text(body),
     }
-    if let Some(text) = text_of(field, layout, body) {
-        return format!("{text:?}");
-    }
-    let values: Vec<String> = field.read_all(body).map(|value| value.to_string()).collect();
-    format!("[{}]", values.join(","))
 }
 
 /// The name of the code that a scalar field holds; `None` if the field is not a code.
@@ -142,20 +128,4 @@ fn code_name_of(field: &LayoutField, layout: &Layout, body: &[u8]) -> Option<&'s
         (None, Value::Unsigned(code)) => code_name(&layout.name, &field.name, code),
         _ => None,
     }
-}
-
-/// Whether a field is an event's text: a byte array `text` whose used length is in `text_len`.
-pub(crate) fn is_text(field: &LayoutField, layout: &Layout) -> bool {
-    field.name == "text" && field.array.is_some() && layout.field("text_len").is_some()
-}
-
-/// The text of a field for which [`is_text`] holds; `None` for any other field.
-pub(crate) fn text_of(field: &LayoutField, layout: &Layout, body: &[u8]) -> Option<String> {
-    if !is_text(field, layout) {
-        return None;
-    }
-    let length = usize::try_from(layout.unsigned("text_len", body)?).ok()?;
-    let bytes: Vec<u8> =
-        field.read_all(body).take(length).map(|value| value.as_f64() as u8).collect();
-    Some(String::from_utf8_lossy(&bytes).into_owned())
 }

@@ -9,7 +9,6 @@ use recording::mcap_read::{Recording, Selection};
 use recording::record::{ColumnNames, Gaps, Options, SampleColumns, from_recording, write_csv};
 use recording::schema::Layout;
 
-use crate::cat::{is_text, text_of};
 use crate::output::Output;
 use crate::{DATA_LOST, ExportFormat, LengthUnit, exit_code_of_tail};
 
@@ -93,7 +92,7 @@ fn whole_topic(
         }
         let mut row = vec![message.log_time_ns().to_string()];
         for field in &layout.fields {
-            match text_of(field, layout, body) {
+            match field.event_text(&layout.fields, body) {
                 Some(text) => row.push(text),
                 None => row.extend(field.read_all(body).map(|value| value.to_string())),
             }
@@ -116,7 +115,7 @@ fn header_of(layout: &Layout) -> Vec<String> {
     let mut names = vec!["log_time_ns".to_owned()];
     for field in &layout.fields {
         match field.array {
-            Some(count) if !is_text(field, layout) => {
+            Some(count) if field.text_length(&layout.fields).is_none() => {
                 names.extend((0..count).map(|index| format!("{}_{index}", field.name)));
             }
             _ => names.push(field.name.clone()),

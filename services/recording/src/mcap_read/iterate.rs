@@ -8,7 +8,7 @@ use ipc_types::Message;
 
 use super::block::Loaded;
 use super::{RawMessage, ReadError, Recording};
-use crate::schema::{Conversion, Layout};
+use crate::schema::Conversion;
 
 /// Which messages to read.
 #[derive(Clone, Debug, Default)]
@@ -80,16 +80,10 @@ impl Recording {
         let mut conversions = BTreeMap::new();
         for id in &ids {
             let Some(channel) = self.channels.get(id) else { continue };
-            let layout = channel.layout.clone().map_err(|source| ReadError::Schema {
-                path: self.path().to_owned(),
-                topic: topic.to_owned(),
-                source,
-            })?;
-            let conversion = layout.conversion::<T>();
-            conversions.insert(*id, (layout, conversion));
+            conversions.insert(*id, self.layout_of(channel)?.conversion::<T>());
         }
         let raw = self.raw(Selection { channels: Some(ids), ..Selection::default() });
-        Ok(Messages { raw, topic: topic.to_owned(), conversions, message: PhantomData })
+        Ok(Messages { raw, conversions, message: PhantomData })
     }
 }
 
@@ -132,8 +126,7 @@ pub struct Recorded<T> {
 #[derive(Debug)]
 pub struct Messages<'a, T> {
     raw: RawMessages<'a>,
-    topic: String,
-    conversions: BTreeMap<u16, (Layout, Conversion)>,
+    conversions: BTreeMap<u16, Conversion>,
     message: PhantomData<fn() -> T>,
 }
 
@@ -146,19 +139,10 @@ impl<T: Message> Iterator for Messages<'_, T> {
                 Ok(raw) => raw,
                 Err(error) => return Some(Err(error)),
             };
-            let Some((layout, conversion)) = self.conversions.get(&raw.channel_id()) else {
-                continue;
-            };
-            let body = match layout.body(raw.data()) {
-                Ok(body) => body,
-                Err(source) => {
-                    let path = self.raw.recording.path().to_owned();
-                    return Some(Err(ReadError::Schema {
-                        path,
-                        topic: self.topic.clone(),
-                        source,
-                    }));
-                }
+            let Some(conversion) = self.conversions.get(&raw.channel_id()) else { continue };
+            let body = match self.raw.recording.decode(&raw) {
+                Ok((_, body)) => body,
+                Err(error) => return Some(Err(error)),
             };
             if let Some(message) = conversion.apply(body) {
                 return Some(Ok(Recorded { log_time_ns: raw.log_time_ns(), message }));

@@ -288,12 +288,16 @@ impl Recording {
                 available: format!("{} channels", self.channels.len()),
             });
         };
-        let wrong = |source| ReadError::Schema {
-            path: self.path.clone(),
-            topic: channel.topic.clone(),
-            source,
-        };
-        let layout = channel.layout.as_ref().map_err(|source| wrong(source.clone()))?;
-        Ok((layout, layout.body(message.data()).map_err(wrong)?))
+        let layout = self.layout_of(channel)?;
+        let body = layout.body(message.data()).map_err(|source| self.wrong_schema(channel, source));
+        Ok((layout, body?))
+    }
+
+    fn layout_of<'a>(&self, channel: &'a Channel) -> Result<&'a Layout, ReadError> {
+        channel.layout.as_ref().map_err(|source| self.wrong_schema(channel, source.clone()))
+    }
+
+    fn wrong_schema(&self, channel: &Channel, source: SchemaError) -> ReadError {
+        ReadError::Schema { path: self.path.clone(), topic: channel.topic.clone(), source }
     }
 }

@@ -83,8 +83,6 @@ pub struct Summary {
     pub written: u64,
     /// Messages of the wrong size or topic that were refused.
     pub refused: u64,
-    /// Messages in it by index of the topic.
-    pub written_by_topic: Vec<u64>,
 }
 
 #[derive(Clone, Copy, Debug, Default)]
@@ -345,7 +343,6 @@ impl Writer {
             bytes: self.bytes(),
             written: self.written(),
             refused: self.refused(),
-            written_by_topic: self.counts.iter().map(|count| count.written).collect(),
         })
     }
 
