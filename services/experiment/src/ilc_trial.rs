@@ -25,7 +25,6 @@
 
 use std::f64::consts::TAU;
 
-use learning::ReferencePoint;
 use rig::protocol::trajectory::{Point, Weight};
 use rig::protocol::{IDENTIFYING_CYCLES, Learn, LearnLaw};
 
@@ -36,9 +35,7 @@ use crate::trial_schedule::Schedule;
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Reference {
     /// Reference of the master, step by step.
-    pub points: Vec<ReferencePoint>,
-    /// Its highest speed (rad/s or m/s).
-    pub peak_speed: f64,
+    pub points: Vec<Point>,
 }
 
 /// A result from the worker thread, with the memory that it hands to the loop.
@@ -480,8 +477,7 @@ impl IlcTrials {
                     position: point.position
                         + ahead_s * (point.velocity + 0.5 * ahead_s * point.acceleration),
                     velocity: point.velocity + ahead_s * point.acceleration,
-                    acceleration: point.acceleration,
-                    peak_speed: reference.peak_speed,
+                    ..*point
                 }
             }
         }

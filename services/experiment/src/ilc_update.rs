@@ -481,5 +481,5 @@ impl IlcUpdater {
 const NOTHING: Published = Published { gamma_p: 0.0, gamma_d: 0.0, cutoff_hz: 8.0, delay_s: 0.0 };
 
 fn copy(learner: &Learner) -> Box<Reference> {
-    Box::new(Reference { points: learner.points().to_vec(), peak_speed: learner.peak_speed() })
+    Box::new(Reference { points: learner.points().to_vec() })
 }

@@ -38,6 +38,7 @@ pub use realfft::num_complex::Complex;
 pub use state::LearnerState;
 
 use cycle_block::Block;
+use rig::protocol::trajectory::Point;
 use serde::{Deserialize, Serialize};
 use spectral::Spectral;
 use thiserror::Error;
@@ -155,25 +156,13 @@ pub struct BlockReport {
     pub outcome: BlockOutcome,
 }
 
-/// A point of the reference.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct ReferencePoint {
-    /// Position (rad or m).
-    pub position: f64,
-    /// Velocity (rad/s or m/s).
-    pub velocity: f64,
-    /// Acceleration (rad/s² or m/s²).
-    pub acceleration: f64,
-}
-
 /// Learns the master's reference for one axis and one periodic movement.
 #[derive(Debug)]
 pub struct Learner {
     config: LearnerConfig,
     spectral: Spectral,
     desired: Vec<f64>,
-    points: Vec<ReferencePoint>,
-    peak_speed: f64,
+    points: Vec<Point>,
     block: Block,
     state: LearnerState,
 }
@@ -216,16 +205,15 @@ impl Learner {
         let mut learner = Self {
             spectral: Spectral::new(desired.len(), config.rate_hz),
             desired: desired.to_vec(),
-            points: vec![ReferencePoint::default(); desired.len()],
-            peak_speed: 0.0,
+            points: vec![Point::default(); desired.len()],
             block: Block::new(desired.len()),
             state: LearnerState { reference: reference.to_vec(), ..LearnerState::default() },
             config,
         };
         learner.compute_points();
-        if learner.peak_speed > learner.config.speed_limit {
-            let found =
-                format!("a speed of {}, limit {}", learner.peak_speed, learner.config.speed_limit);
+        let (speed, limit) = (learner.peak_speed(), learner.config.speed_limit);
+        if speed > limit {
+            let found = format!("a speed of {speed}, limit {limit}");
             return Err(LearningError::Desired { found });
         }
         Ok(learner)
@@ -247,13 +235,13 @@ impl Learner {
     }
 
     /// The master's reference at a step of the cycle.
-    pub fn aim(&self, step: usize) -> ReferencePoint {
+    pub fn aim(&self, step: usize) -> Point {
         self.points[step % self.points.len()]
     }
 
     /// Highest speed of the reference (rad/s or m/s).
     pub fn peak_speed(&self) -> f64 {
-        self.peak_speed
+        self.points[0].peak_speed
     }
 
     /// The current reference, one position per step (rad or m).
@@ -274,7 +262,7 @@ impl Learner {
     }
 
     /// The master's reference over one cycle, one point per control step.
-    pub fn points(&self) -> &[ReferencePoint] {
+    pub fn points(&self) -> &[Point] {
         &self.points
     }
 
@@ -359,10 +347,10 @@ impl Learner {
             if position.abs() <= far { far } else { position.abs() }
         });
         let within = self.state.reference.iter().all(|position| (low..=high).contains(position));
-        if within && self.peak_speed <= self.config.speed_limit {
+        if within && self.peak_speed() <= self.config.speed_limit {
             return BlockOutcome::Learnt;
         }
-        let speed = self.peak_speed;
+        let speed = self.peak_speed();
         self.state.reference = before;
         self.end(Frozen::Limit { position: furthest, speed })
     }
@@ -382,17 +370,13 @@ impl Learner {
         self.spectral.differentiate(&mut velocity);
         let mut acceleration = velocity.clone();
         self.spectral.differentiate(&mut acceleration);
-        self.peak_speed = 0.0;
+        let higher =
+            |peak: f64, speed: f64| if speed > peak || speed.is_nan() { speed } else { peak };
+        let peak_speed = velocity.iter().map(|velocity| velocity.abs()).fold(0.0, higher);
         for (n, point) in self.points.iter_mut().enumerate() {
-            *point = ReferencePoint {
-                position: self.state.reference[n],
-                velocity: velocity[n],
-                acceleration: acceleration[n],
-            };
-            let speed = velocity[n].abs();
-            if speed > self.peak_speed || speed.is_nan() {
-                self.peak_speed = speed;
-            }
+            let position = self.state.reference[n];
+            let (velocity, acceleration) = (velocity[n], acceleration[n]);
+            *point = Point { position, velocity, acceleration, peak_speed };
         }
     }
 }

@@ -212,13 +212,7 @@ impl IlcSimulation {
         let begin_s = self.system.time_s();
         for step in 0..self.learner.steps_per_block() {
             let point = self.learner.aim(step);
-            let aim = Aim {
-                position: point.position,
-                velocity: point.velocity,
-                acceleration: point.acceleration,
-                peak_speed: self.learner.peak_speed(),
-            };
-            let moment = self.system.follow(&aim)?;
+            let moment = self.system.follow(&point)?;
             self.learner.record(step, slave_position(&moment));
             if let Some(trace) = trace.as_deref_mut() {
                 let desired = self.learner.desired(step);

@@ -85,37 +85,7 @@ pub enum LockStepError {
 }
 
 /// Desired motion of an axis's master, in the handle's coordinates.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Aim {
-    /// Position (rad or m).
-    pub position: f64,
-    /// Velocity (rad/s or m/s).
-    pub velocity: f64,
-    /// Acceleration (rad/s² or m/s²).
-    pub acceleration: f64,
-    /// Peak speed of the movement, which shapes the friction feed-forward; 0 for none (rad/s or
-    /// m/s).
-    pub peak_speed: f64,
-}
-
-impl Aim {
-    /// Rest at a position (rad or m).
-    pub const fn at_rest(position: f64) -> Self {
-        Self { position, velocity: 0.0, acceleration: 0.0, peak_speed: 0.0 }
-    }
-
-    /// A sine with phase 0 at time 0: amplitude (rad or m), frequency (Hz), time (s).
-    pub fn sine(amplitude: f64, hertz: f64, time_s: f64) -> Self {
-        let omega = std::f64::consts::TAU * hertz;
-        let (sine, cosine) = (omega * time_s).sin_cos();
-        Self {
-            position: amplitude * sine,
-            velocity: amplitude * omega * cosine,
-            acceleration: -amplitude * omega * omega * sine,
-            peak_speed: (amplitude * omega).abs(),
-        }
-    }
-}
+pub type Aim = rig::protocol::trajectory::Point;
 
 /// The result of a control cycle.
 #[derive(Clone, Copy, Debug)]

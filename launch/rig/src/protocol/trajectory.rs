@@ -28,6 +28,18 @@ impl Point {
         Self { position, velocity: 0.0, acceleration: 0.0, peak_speed: 0.0 }
     }
 
+    /// A sine about 0 with phase 0 at time 0: amplitude (rad or m), frequency (Hz), time (s).
+    pub fn sine(amplitude: f64, frequency_hz: f64, time_s: f64) -> Self {
+        let omega = std::f64::consts::TAU * frequency_hz;
+        let (sine, cosine) = (omega * time_s).sin_cos();
+        Self {
+            position: amplitude * sine,
+            velocity: amplitude * omega * cosine,
+            acceleration: -amplitude * omega * omega * sine,
+            peak_speed: (amplitude * omega).abs(),
+        }
+    }
+
     /// Blends from `self` to `to` with a weight that varies in time.
     #[must_use]
     pub fn blend(self, to: Self, weight: Weight, peak_speed: f64) -> Self {
