@@ -24,7 +24,6 @@ mod outcome_tables;
 pub mod output_error;
 pub mod prediction_error;
 pub mod regression;
-mod residual_figures;
 mod run;
 pub mod selection;
 pub mod spectral;

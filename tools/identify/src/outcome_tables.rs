@@ -1,32 +1,11 @@
 //! Tables that the pages of all models share, and how numbers are written.
 
-use report::{Page, Table};
+use report::Table;
 
 use crate::outcome::{Left, Outcome};
 
 /// Listed candidates of each round in the table.
 const MOST_CANDIDATES: usize = 6;
-
-/// Candidates, parameters, the next experiment and notes, with a paragraph on how candidates are
-/// accepted and the captions of the two tables.
-pub(crate) fn candidates_and_parameters(
-    page: Page,
-    outcome: &Outcome,
-    (accepted, candidates, fitted): (&str, &str, &str),
-) -> Page {
-    let page = page
-        .heading("Candidates")
-        .paragraph(accepted)
-        .table(ranking(outcome), candidates)
-        .heading("Parameters")
-        .table(parameters(outcome), fitted)
-        .heading("Next experiment")
-        .paragraph(&format!(
-            "{} To settle it: {}.",
-            outcome.next_experiment.why, outcome.next_experiment.what
-        ));
-    outcome.notes.iter().fold(page, |page, note| page.paragraph(&format!("Note: {note}.")))
-}
 
 /// The name of an effect or function that is left.
 pub(crate) fn what_is_left(left: &Left) -> String {
@@ -41,7 +20,8 @@ fn function_of(variable: &str) -> String {
     format!("function of {}", variable.replace('_', " "))
 }
 
-fn ranking(outcome: &Outcome) -> Table {
+/// Validation of the candidates, round by round.
+pub(crate) fn ranking(outcome: &Outcome) -> Table {
     let mut table = Table::new([
         "round",
         "candidate",
@@ -70,7 +50,8 @@ fn ranking(outcome: &Outcome) -> Table {
     table
 }
 
-fn parameters(outcome: &Outcome) -> Table {
+/// Declared parameters and those of effects, as fitted.
+pub(crate) fn parameters(outcome: &Outcome) -> Table {
     let mut table = Table::new(["parameter", "declared", "fitted", "±", "unit", "remark"]);
     let number = |v: Option<f64>| v.map_or("–".to_owned(), short);
     for p in &outcome.parameters {

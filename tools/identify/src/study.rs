@@ -12,7 +12,7 @@ use rig::{AxisUnit, RigFile};
 
 use crate::error::{IdentifyError, Result};
 use crate::input::Series;
-use crate::models::{Options, RigCapability, of_kind};
+use crate::models::{Options, RigCapability, of_kind, sentences};
 use crate::outcome::Outcome;
 
 /// Result of an identification with its page.
@@ -86,7 +86,7 @@ pub fn study(rig: &RigFile, records: &[Series], how: StudyOptions) -> Result<Ide
     let declared = rig.axis_model(axis);
     let (mut outcome, page) =
         pool.install(|| model.identify(&file, &declared, records, options))?;
-    let (_, sentence, detail) = model.sentences(&outcome);
+    let (_, sentence, detail) = sentences(&outcome, model.is_located());
     if !rig.model.effects.is_empty() {
         let names: Vec<String> =
             rig.model.effects.iter().map(|own| format!("{}@{}", own.id, own.site)).collect();

@@ -9,8 +9,11 @@ mod experiment_design;
 mod force_balance;
 mod next_experiment;
 mod oscillator;
+mod page;
+mod residual_plots;
 mod rival_model;
 mod segmentation;
+mod sentences;
 mod simulated_experiment;
 mod single_channel_outcome;
 mod single_channel_page;
@@ -20,16 +23,16 @@ mod single_channel_study;
 mod transmission;
 mod transmission_outcome;
 mod transmission_page;
-mod transmission_residual_plots;
 mod transmission_study;
 mod unaccepted_effects;
 
 pub use candidate_movements::RigCapability;
+pub(crate) use sentences::sentences;
 
 use crate::error::Result;
 use crate::input::Series;
 use crate::outcome::Outcome;
-use report::{Page, Tone};
+use report::Page;
 use rig::{Model as Declared, ModelKind};
 
 /// The model of a kind.
@@ -63,9 +66,9 @@ pub struct Options {
 pub trait Model: Sync {
     /// The columns of its records, time first.
     fn columns(&self) -> &'static [&'static str];
-    /// Returns the verdict as a sentence, and one on its accuracy.
-    fn sentences(&self, outcome: &Outcome) -> (Tone, String, String) {
-        single_channel_page::sentences(outcome)
+    /// Whether its search finds where an effect acts.
+    fn is_located(&self) -> bool {
+        false
     }
     /// Identifies the declared model of `rig_file` (its name, for messages) from records.
     ///

@@ -1,16 +1,15 @@
-//! The page that `--report` writes for a model with one measured channel.
+//! What the page of a model with one measured channel shows.
 
-use report::{Colour, Figure, Page, Table, Tone};
+use report::{Colour, Figure, Page};
 
+use super::page::{Content, page as whole_page};
+use super::residual_plots::{ChannelResidual, drawn, over_time};
 use super::single_channel_result::{Study, all_rows};
-use crate::effects::{Units, find};
-use crate::naming::{held, labels};
-use crate::outcome::{Left, Outcome, Verdict};
-use crate::outcome_tables::{candidates_and_parameters, short, what_is_left};
-use crate::residual_figures::{banded, drawn};
+use crate::input::step_of;
+use crate::naming::labels;
+use crate::outcome::Outcome;
 use crate::selection::predictor::Predictor;
 use crate::selection::validation::{LEAST_GAIN, LEAST_T};
-use crate::spectral::periodogram;
 
 /// Number of records with figures of their own.
 const MOST_FIGURES: usize = 3;
@@ -19,8 +18,6 @@ const MOST_FIGURES: usize = 3;
 const DETAIL_ROWS: usize = 1400;
 /// The same for an output that oscillates, of which a few periods are shown.
 const DETAIL_PERIODS: usize = 200;
-/// Bands of the spectra, each a sixth of an octave wide or as wide as the record resolves.
-const BANDS_PER_OCTAVE: f64 = 6.0;
 
 /// The channel whose error is shown.
 struct Channel {
@@ -104,166 +101,84 @@ impl RecordRows {
     }
 }
 
-/// Returns the verdict as a sentence, and one on the errors.
-pub(super) fn sentences(outcome: &Outcome) -> (Tone, String, String) {
-    let words = outcome.effects.iter().filter_map(|effect| Some(find(&effect.id)?.words));
-    let list = words.collect::<Vec<_>>().join(", and ");
-    let (tone, sentence) = match outcome.verdict {
-        Verdict::Effect => (Tone::Neutral, format!("The declared model lacks {list}.")),
-        Verdict::Ambiguous => {
-            let others: Vec<&str> = outcome.ambiguous_with.iter().map(|n| n.id.as_str()).collect();
-            (
-                Tone::Warning,
-                format!("The declared model lacks {list}, or else {}.", others.join(" or ")),
-            )
-        }
-        Verdict::None => (Tone::Good, "These records show no missing effect.".to_owned()),
-        Verdict::Unlisted => {
-            let on = outcome.unlisted.as_ref().map_or("something", |u| u.depends_on.as_str());
-            (
-                Tone::Warning,
-                format!(
-                    "The model lacks something that no listed effect explains; it depends on {on}."
-                ),
-            )
-        }
-    };
-    let mut detail = String::new();
-    for (channel, e) in &outcome.error {
-        let held = "on rows that took no part in fitting or selection";
-        detail += &if outcome.effects.is_empty() {
-            format!(
-                "Error of {channel} {held}: {} {} ({:.2} %). ",
-                short(e.after),
-                e.unit,
-                e.after_percent
-            )
-        } else {
-            format!(
-                "Error of {channel} {held}: {} before, {} {} after ({:.2} % to {:.2} % of its root \
-                 mean square). ",
-                short(e.before),
-                short(e.after),
-                e.unit,
-                e.before_percent,
-                e.after_percent
-            )
-        };
-    }
-    if outcome.remains && outcome.unlisted.is_none() {
-        detail += "More than three effects show; the others are listed under “What is left”.";
-    } else if outcome.remains && outcome.verdict != Verdict::Unlisted {
-        let on = outcome.unlisted.as_ref().map_or("", |u| u.depends_on.as_str());
-        detail +=
-            &format!("A residual remains that depends on {on} and that no listed effect explains.");
-    }
-    (tone, sentence, detail.trim_end().to_owned())
-}
-
 /// The whole page.
 pub(super) fn page(study: &Study<'_>, outcome: &Outcome) -> Page {
-    let (tone, sentence, detail) = sentences(outcome);
     let channel = Channel::of(&study.predictor);
     let with = !outcome.effects.is_empty();
     let regression = study.predictor.regression();
-    let records: Vec<RecordRows> =
+    let rows: Vec<RecordRows> =
         (0..regression.balances.len()).map(|record| RecordRows::new(study, record)).collect();
-    let names = labels(regression.balances.iter().map(|balance| balance.name.as_str()));
-    let mut page = Page::new("What the model lacks")
-        .subtitle(&format!("Declared model compared with {}", held(&names)))
-        .verdict(tone, &sentence, &detail)
-        .table(
-            steps(outcome),
-            &format!(
-                "Error of the {} in percent of its root mean square, after each step. Parameters \
-                 come from the fitting rows, but for the last column, where everything is fitted \
-                 to and judged on all rows, as publications do.",
-                channel.name
-            ),
-        )
-        .heading("Measured against model");
-    for (label, record) in names.iter().zip(&records).take(MOST_FIGURES) {
-        page = record_figures(page, &channel, (label, record), with);
-    }
-    page = residual_maps(page, &regression.axis.units, &channel, &records, with);
-    if let Some(unlisted) = &outcome.unlisted {
-        let column = |i: usize| unlisted.table.iter().map(|row| row[i]).collect::<Vec<f64>>();
-        let figure = Figure::new(
-            "Unlisted effect",
-            unlisted.depends_on.replace('_', " "),
-            format!("force / {}", regression.axis.units.force),
-        )
-        .errors(Colour::Blue, "", &column(0), &column(1), &column(2));
-        page = page.figure(
-            &figure,
-            "Nonparametric function of one variable, fitted beside the model; bars are one \
-             standard deviation.",
-        );
-    }
-    if !outcome.left.is_empty() {
-        page = page.heading("What is left").table(
-            left(&outcome.left),
-            "Effects that are visible but not accepted, tried one by one beside the model: two \
-             lines may show the same effect. Size is the rms of its force. Below a block t of 2.5 \
-             it may be chance.",
-        );
-    }
-    let accepted = format!(
-        "Each candidate is fitted on the fitting rows and validated on the selection ones. It is \
-         added when the residual falls by {:.0} % or more, when the mean fall is {LEAST_T:.1} of \
-         its standard errors above zero, and when more blocks get better than worse.",
-        100.0 * LEAST_GAIN
-    );
-    let captions = (
-        accepted.as_str(),
-        "The best candidates of each round; all are in the result at the end. Nonparametric ones \
-         are functions of one variable.",
-        "Parameters of the model with its effects, from the fitting rows; ± is one standard \
-         deviation, by blocks.",
-    );
-    candidates_and_parameters(page, outcome, captions).paragraph(&channel.method)
+    let records: Vec<&str> = regression.balances.iter().map(|b| b.name.as_str()).collect();
+    let shown = labels(records.iter().copied()).into_iter().zip(&rows).take(MOST_FIGURES);
+    let content = Content {
+        declared: "model",
+        located: false,
+        errors: format!(
+            "Error of the {} in percent of its root mean square, after each step. Parameters come \
+             from the fitting rows, but for the last column, where everything is fitted to and \
+             judged on all rows, as publications do.",
+            channel.name
+        ),
+        figures: shown.flat_map(|record| record_figures(&channel, record, with)).collect(),
+        residual: "residual",
+        channels: vec![residual(study, &channel, &rows, with)],
+        force_unit: Some(regression.axis.units.force),
+        accepted: format!(
+            "Each candidate is fitted on the fitting rows and validated on the selection ones. It \
+             is added when the residual falls by {:.0} % or more, when the mean fall is \
+             {LEAST_T:.1} of its standard errors above zero, and when more blocks get better than \
+             worse.",
+            100.0 * LEAST_GAIN
+        ),
+        method: format!(
+            "Residuals are those of all rows of all records; spectra are of the first record. {}",
+            channel.method
+        ),
+        records,
+    };
+    whole_page(outcome, &content)
 }
 
-/// What the residual depends on, over all rows of all records.
-fn residual_maps(
-    page: Page,
-    units: &Units,
+/// The residual over all rows of all records.
+fn residual(
+    study: &Study<'_>,
     channel: &Channel,
     records: &[RecordRows],
     with: bool,
-) -> Page {
-    let mut page = page.heading("What the residual depends on").paragraph(
-        "Mean of the residual in bins (line) and one standard deviation of the rows in a bin to \
-         either side (band). A mean away from zero is something that the model lacks.",
-    );
-    let all = |f: &dyn Fn(&RecordRows) -> &[f64]| -> Vec<f64> {
-        records.iter().flat_map(|r| f(r).iter().copied()).collect()
+) -> ChannelResidual {
+    let units = &study.predictor.regression().axis.units;
+    let all = |f: fn(&RecordRows) -> &Vec<f64>| -> Vec<f64> {
+        records.iter().flat_map(|record| f(record).iter().copied()).collect()
     };
-    let (before, after) = (all(&|r| &r.before), all(&|r| &r.after));
-    for (what, unit, values) in [
-        ("position", units.position, all(&|r| &r.position)),
-        ("velocity", units.velocity, all(&|r| &r.velocity)),
-        ("time", "s", all(&|r| &r.time)),
-    ] {
-        let figure = banded(what, unit, channel.unit, &values, (&before, &after), with);
-        page = page.figure(&figure, &format!("Residual against {what}, all rows of all records."));
+    // The first record, long enough to have a spectrum.
+    let first = records.iter().take(1).filter(|record| record.time.len() > 16);
+    let curves = |record: &RecordRows| {
+        let measured = (channel.name, Colour::Black, vec![record.measured.clone()]);
+        let [before, after] = [&record.before, &record.after].map(|rows| vec![rows.clone()]);
+        std::iter::once(measured).chain(drawn(before, after, with))
+    };
+    ChannelResidual {
+        name: channel.name,
+        unit: channel.unit,
+        variables: vec![
+            ("position", units.position, all(|record| &record.position)),
+            ("velocity", units.velocity, all(|record| &record.velocity)),
+            ("time", "s", all(|record| &record.time)),
+        ],
+        before: all(|record| &record.before),
+        after: all(|record| &record.after),
+        spectra: first.flat_map(curves).collect(),
+        step_s: records.first().and_then(|record| step_of(&record.time)).unwrap_or_default(),
+        with,
     }
-    page.figure(
-        &spectrum(channel, records.first(), with),
-        &format!(
-            "Amplitude of the {} and of its residuals in bands of a sixth of an octave, all rows \
-             of the first record.",
-            channel.name
-        ),
-    )
 }
 
+/// The figures of one record.
 fn record_figures(
-    page: Page,
     channel: &Channel,
     (label, r): (&str, &RecordRows),
     with: bool,
-) -> Page {
+) -> Vec<(Figure, String)> {
     let Channel { name, unit, compared, .. } = channel;
     let minus = |e: &[f64]| -> Vec<f64> { r.measured.iter().zip(e).map(|(f, e)| f - e).collect() };
     let (declared, effects) = (minus(&r.before), minus(&r.after));
@@ -285,94 +200,17 @@ fn record_figures(
         Figure::new(channel.title, "time / s", format!("{name} / {unit}")),
         &r.time[part.clone()],
     );
-    let residual = Figure::new("Residual", "time / s", format!("residual / {unit}")).size(680, 260);
-    let residual = drawn(&r.before, &r.after, with)
-        .into_iter()
-        .fold(residual, |figure, (name, colour, y)| figure.line(colour, name, &r.time, y))
-        .horizontal(Colour::Grey, "", 0.0);
-    let mut page = page
-        .figure(&curves, &format!("{label}: {compared}; a part from the middle."))
-        .figure(&residual, &format!("{label}: measured {name} less the model's, whole record."));
+    let of = format!("residual / {unit}");
+    let residual = over_time("Residual", of, &r.time, drawn(&r.before[..], &r.after[..], with));
+    let mut figures = vec![
+        (curves, format!("{label}: {compared}; a part from the middle.")),
+        (residual, format!("{label}: measured {name} less the model's, whole record.")),
+    ];
     if let Some(position) = channel.loops_over {
         let figure =
             Figure::new("Loops", format!("position / {position}"), format!("{name} / {unit}"));
-        page = page.figure(
-            &against(figure, &r.position[part.clone()]),
-            &format!("{label}: force over position, the same part."),
-        );
+        let loops = against(figure, &r.position[part.clone()]);
+        figures.push((loops, format!("{label}: force over position, the same part.")));
     }
-    page
-}
-
-/// Amplitudes of the first record by frequency bands.
-fn spectrum(channel: &Channel, record: Option<&RecordRows>, with: bool) -> Figure {
-    let mut figure = Figure::new("", "frequency / Hz", format!("amplitude / {}", channel.unit))
-        .size(680, 300)
-        .log_x()
-        .log_y();
-    let Some(r) = record.filter(|r| r.time.len() > 16) else { return figure };
-    let sampling = (r.time.len() - 1) as f64 / (r.time[r.time.len() - 1] - r.time[0]);
-    let lowest = 2.0 * sampling / r.time.len() as f64;
-    let measured = (channel.name, Colour::Black, &r.measured);
-    for (name, colour, values) in std::iter::once(measured).chain(drawn(&r.before, &r.after, with))
-    {
-        let n = values.len() as f64;
-        let mean = values.iter().sum::<f64>() / n;
-        // A Hann window, against leakage of what is not periodic in the record.
-        let window = |i: usize| 1.0 - (std::f64::consts::TAU * i as f64 / n).cos();
-        let windowed: Vec<f64> =
-            values.iter().enumerate().map(|(i, v)| (v - mean) * window(i)).collect();
-        let mut bands: std::collections::BTreeMap<i64, (f64, f64, f64)> =
-            std::collections::BTreeMap::new();
-        let bins = periodogram(&windowed, sampling);
-        // Bins are a quarter of what the record resolves; the window has a mean square of 1.5.
-        let scale = 2.0 / (1.5 * n * (2.0 * (bins.len() as f64 - 1.0)));
-        for (frequency, power) in bins.into_iter().filter(|bin| bin.0 >= lowest) {
-            let band = bands
-                .entry(((frequency / lowest).log2() * BANDS_PER_OCTAVE).floor() as i64)
-                .or_default();
-            *band = (band.0 + frequency, band.1 + power * scale, band.2 + 1.0);
-        }
-        let x: Vec<f64> = bands.values().map(|b| b.0 / b.2).collect();
-        let y: Vec<f64> = bands.values().map(|b| b.1.sqrt()).collect();
-        figure = figure.line(colour, name, &x, &y);
-    }
-    figure
-}
-
-fn left(left: &[Left]) -> Table {
-    let mut table =
-        Table::new(["what", "size", "unit", "error falls by / %", "block t", "parameters"]);
-    for l in left {
-        let parameters: Vec<String> = l
-            .parameters
-            .iter()
-            .map(|p| format!("{} {} {}", p.name, short(p.value), p.unit))
-            .collect();
-        table = table.row([
-            what_is_left(l),
-            short(l.size),
-            l.unit.clone(),
-            format!("{:.1}", l.gain_percent),
-            format!("{:.1}", l.t),
-            if parameters.is_empty() { "–".to_owned() } else { parameters.join(", ") },
-        ]);
-    }
-    table
-}
-
-fn steps(outcome: &Outcome) -> Table {
-    let mut table = Table::new([
-        "model",
-        "fitting rows / %",
-        "selection rows / %",
-        "reporting rows / %",
-        "all rows / %",
-    ]);
-    for (i, s) in outcome.steps.iter().enumerate() {
-        let model = if i == 0 { "declared".to_owned() } else { format!("+ {}", s.model) };
-        let numbers = [s.fit_percent, s.select_percent, s.report_percent, s.all_rows_percent];
-        table = table.row(std::iter::once(model).chain(numbers.map(|n| format!("{n:.2}"))));
-    }
-    table
+    figures
 }

@@ -4,12 +4,12 @@
 //! Identified by the prediction-error method ([`crate::prediction_error`]). Whole records fit,
 //! select and report; if there are too few of them, segments do ([`super::segmentation`]).
 
-use report::{Page, Tone};
+use report::Page;
 use rig::Model as Declared;
 
 use super::bootstrap::calibrate;
 use super::transmission_study::Study;
-use super::{Model, Options, segmentation, transmission_outcome, transmission_page};
+use super::{Model, Options, segmentation, transmission_outcome};
 use crate::equation_error::block_roles::Role;
 use crate::error::{IdentifyError, Result};
 use crate::input::Series;
@@ -27,8 +27,8 @@ impl Model for Transmission {
         &USED
     }
 
-    fn sentences(&self, outcome: &Outcome) -> (Tone, String, String) {
-        transmission_page::sentences(outcome)
+    fn is_located(&self) -> bool {
+        true
     }
 
     fn identify(

@@ -1,116 +1,26 @@
-//! The page of a transmission: measurement against model, residual plots, candidates, parameters.
+//! What the page of a transmission shows: movements, innovations and what they depend on.
 
-use plant::effects::Site;
-use report::Colour::{Black, Blue, Green, Grey};
-use report::{Figure, Page, Table, Tone};
+use report::Colour::{Black, Green};
+use report::{Figure, Page};
 
-use super::bootstrap;
-use super::effect_descriptions::{OTHER_ENCODER, words};
-use super::transmission_residual_plots::maps;
+use super::page::{Content, page as whole_page};
+use super::residual_plots::{ChannelResidual, drawn, over_time};
 use super::transmission_study::Study;
 use crate::equation_error::block_roles::Role;
-use crate::naming::{held, labels};
-use crate::outcome::{Named, Outcome, UnlistedTable, Verdict};
-use crate::outcome_tables::{candidates_and_parameters, short};
+use crate::naming::labels;
+use crate::outcome::Outcome;
 use crate::prediction_error::fit::Dataset;
+use crate::prediction_error::record::Record;
 use crate::prediction_error::transmission_model::{Channel, Residual};
 use crate::prediction_error::validation::{LEAST_T, least_beside};
-use crate::residual_figures::drawn;
 
-/// Where an effect acts.
-fn place(site: &str) -> String {
-    if site == Site::Line.name() { "in the line".to_owned() } else { format!("at the {site}") }
-}
-
-/// Where an effect of unknown shape acts.
-fn place_unlisted(site: &str) -> String {
-    if site == Site::Line.name() { "between master and slave".to_owned() } else { place(site) }
-}
-
-/// Returns the verdict as a sentence, and one on its accuracy.
-pub(super) fn sentences(outcome: &Outcome) -> (Tone, String, String) {
-    let names: Vec<String> = outcome
-        .effects
-        .iter()
-        .map(|effect| format!("{} {}", words(&effect.id), place(&effect.site)))
-        .collect();
-    let list = names.join(", and ");
-    let (tone, sentence) = match outcome.verdict {
-        Verdict::Effect => (Tone::Neutral, format!("The declared model lacks {list}.")),
-        Verdict::Ambiguous => {
-            let itself = |named: &Named| {
-                outcome.effects.iter().any(|own| (&own.id, &own.site) == (&named.id, &named.site))
-            };
-            let other = |named: &Named| match itself(named) {
-                true => OTHER_ENCODER.to_owned(),
-                false => format!("{} {}", words(&named.id), place(&named.site)),
-            };
-            let others: Vec<String> = outcome.ambiguous_with.iter().map(other).collect();
-            (
-                Tone::Warning,
-                format!("The declared model lacks {list}, or else {}.", others.join(" or ")),
-            )
-        }
-        Verdict::None => {
-            let fitted = "the declared model, fitted within its tolerances, explains them";
-            (Tone::Good, format!("These records show no missing effect: {fitted}."))
-        }
-        Verdict::Unlisted => {
-            let of = outcome.unlisted.as_ref().map_or(String::new(), |unlisted| {
-                match unlisted.variable() {
-                    Some(variable) => {
-                        format!("; it acts at the {} and depends on {variable}", unlisted.site)
-                    }
-                    None => format!(
-                        "; it acts {}, and no function of one variable explains it",
-                        place_unlisted(&unlisted.site)
-                    ),
-                }
-            });
-            (
-                Tone::Warning,
-                format!("The model lacks something that no listed effect explains{of}."),
-            )
-        }
-    };
-    let mut detail = String::from(
-        "On the reporting records, which took no part in fitting or selection, the innovation rms \
-         is",
-    );
-    for (index, (channel, error)) in outcome.error.iter().enumerate() {
-        let comma = if index == 0 { "" } else { ";" };
-        let after = with_unit(error.after, &error.unit);
-        detail += &format!("{comma} {after} of {channel}");
-        if !outcome.effects.is_empty() {
-            detail += &format!(" (before: {})", with_unit(error.before, &error.unit));
-        }
-        if let Some(floor) = error.floor {
-            detail += &format!(" at a repeatability of {}", with_unit(floor, &error.unit));
-        }
-    }
-    detail.push('.');
-    if let Some(calibration) = &outcome.calibration {
-        detail += &format!(" {}", bootstrap::sentence(calibration));
-    }
-    if outcome.remains && outcome.verdict != Verdict::Unlisted {
-        let of = outcome.unlisted.as_ref().map_or(String::new(), |unlisted| {
-            let on = unlisted
-                .variable()
-                .map_or(String::new(), |variable| format!(" that depends on {variable}"));
-            format!(" at the {}{on}", unlisted.site)
-        });
-        detail += &format!(" A residual remains{of} that no listed effect explains.");
-    }
-    (tone, sentence, detail)
-}
-
-/// A value with its unit: small angles in mrad.
-fn with_unit(value: f64, unit: &str) -> String {
-    match unit {
-        "rad" if value.abs() < 0.1 => format!("{} mrad", short(1e3 * value)),
-        _ => format!("{} {unit}", short(value)),
-    }
-}
+/// Slower motion counts as rest; a reversal is the next faster motion in the other direction
+/// (rad/s).
+const STILL_RAD_S: f64 = 0.1;
+/// Longest time since a reversal that is shown (s).
+const LONGEST_S: f64 = 1.0;
+/// Number of records with figures of their own.
+const MOST_FIGURES: usize = 3;
 
 /// The whole page; `None` where a model cannot be simulated.
 pub(super) fn page(study: &Study, outcome: &Outcome) -> Option<Page> {
@@ -119,79 +29,47 @@ pub(super) fn page(study: &Study, outcome: &Outcome) -> Option<Page> {
     let dataset = Dataset { model, records: report.clone() };
     let before = dataset.residuals(&study.found.base.setting)?;
     let after = dataset.residuals(&study.found.last().setting)?;
-    let (tone, sentence, detail) = sentences(outcome);
     let with = !outcome.effects.is_empty();
-    let names = labels(model.records.iter().map(|record| record.name.as_str()));
-    let mut page = Page::new("What the model lacks")
-        .subtitle(&format!("Declared transmission compared with {}", held(&names)))
-        .verdict(tone, &sentence, &detail)
-        .table(
-            errors(outcome),
-            "Root mean square of the innovation (one-step prediction error of the observer) on the \
-             reporting records, averaged over 4 ms. The floor is the rms difference of repeated \
-             records over √2.",
-        )
-        .heading("Measured against model");
-    for (at, index) in report.iter().take(3).enumerate() {
-        page = record(page, study, (names[*index], *index), (&before[at], &after[at]), with);
-    }
-    page = page.heading("What the residual depends on").paragraph(
-        "Mean of the innovation in bins (line) and one standard deviation to either side (band), \
-         and its spectrum; reporting records. A mean away from zero is something that the model \
-         lacks.",
-    );
-    for channel in [Channel::Master, Channel::Slave, Channel::Torque] {
-        page = maps(page, study, &report, channel, (&before, &after), with);
-    }
-    if let Some(unlisted) =
-        outcome.unlisted.as_ref().filter(|unlisted| !unlisted.unexplained.is_empty())
-    {
-        page = page.heading("Where it acts").table(places(unlisted), PLACES);
-    }
-    if let Some(unlisted) = outcome.unlisted.as_ref().filter(|unlisted| !unlisted.table.is_empty())
-    {
-        let column =
-            |index: usize| unlisted.table.iter().map(|row| row[index]).collect::<Vec<f64>>();
-        let value = column(1);
-        let most = value.iter().fold(0.0, |most: f64, value| most.max(value.abs()));
-        // Without data the band extends over the whole figure.
-        let half = |std: f64| if std.is_finite() { std.min(most) } else { most };
-        let bound = |sign: f64| {
-            unlisted.table.iter().map(|row| row[1] + sign * half(row[2])).collect::<Vec<f64>>()
-        };
-        let figure = Figure::new(
-            "What is left",
-            unlisted.depends_on.clone(),
-            format!("at the {}", unlisted.site),
-        )
-        .line(Blue, "", &column(0), &value)
-        .band(Blue, "", &column(0), &bound(-1.0), &bound(1.0));
-        page = page.figure(
-            &figure,
-            "Nonparametric function of one variable, fitted beside the model (line), with one \
-             standard deviation to either side (band).",
-        );
-    }
+    let records: Vec<&str> = model.records.iter().map(|record| record.name.as_str()).collect();
+    let names = labels(records.iter().copied());
+    let both = before.iter().zip(&after);
+    let shown = report.iter().zip(both).take(MOST_FIGURES);
+    let figures =
+        shown.flat_map(|(index, both)| figures(study, (names[*index], *index), both, with));
+    let channels = [Channel::Master, Channel::Slave, Channel::Torque];
+    let channels = channels
+        .into_iter()
+        .filter_map(|channel| residual_of(study, &report, channel, (&before, &after), with));
     let accepted = format!(
         "Each candidate is fitted on the fitting records beside all declared parameters, and \
          validated on the selection ones. It is added when the errors of all channels, multiplied, \
          fall by {:.0} % or more (beside one effect by {:.0} %, beside two by {:.0} %), when that \
          is {LEAST_T:.1} of its standard errors above zero, when more records get better than \
          worse, and when no channel gets worse by more than 3 % (for a first effect by a fifth of \
-         what all gain). Reporting records decide nothing; only the differences of repeated ones \
-         enter, as the floor.",
+         what all gain).",
         asked(0),
         asked(1),
         asked(2)
     );
-    let captions = (
-        accepted.as_str(),
-        "All candidates that were fitted, round by round. Nonparametric ones are functions of one \
-         variable.",
-        "Parameters of the model with its effects, from the fitting records; ± is one standard \
-         deviation, by blocks.",
-    );
-    Some(candidates_and_parameters(page, outcome, captions))
+    let content = Content {
+        declared: "transmission",
+        located: true,
+        records,
+        errors:
+            "Root mean square of the innovation (one-step prediction error of the observer) on \
+                 the reporting records, averaged over 4 ms. The floor is the rms difference of \
+                 repeated records over √2."
+                .to_owned(),
+        figures: figures.collect(),
+        residual: "innovation",
+        channels: channels.collect(),
+        force_unit: None,
+        accepted,
+        method: "Residuals are those of the reporting records. These decide nothing; only the \
+                 differences of repeated ones enter, as the floor."
+            .to_owned(),
+    };
+    Some(whole_page(outcome, &content))
 }
 
 /// Least gain of an effect beside so many, in percent.
@@ -199,81 +77,166 @@ fn asked(beside: usize) -> f64 {
     -100.0 * (-least_beside(beside)).exp_m1()
 }
 
-/// Caption of the table of places.
-const PLACES: &str = "The frequency response of master and slave to a torque depends on where it \
-                      acts. Share of the residual power above the repeatability that no torque at \
-                      the place explains: the effect acts where little is left. Where every place \
-                      leaves much, it acts between master and slave. Motor and master cannot be \
-                      distinguished.";
-
-fn places(unlisted: &UnlistedTable) -> Table {
-    unlisted
-        .unexplained
-        .iter()
-        .fold(Table::new(["a torque at the", "leaves unexplained"]), |table, place| {
-            table.row([place.place.clone(), format!("{:.0} %", 100.0 * place.share)])
-        })
-}
-
-fn errors(outcome: &Outcome) -> Table {
-    let mut table = Table::new([
-        "channel",
-        "rig file as it is",
-        "declared model, fitted",
-        "with effects",
-        "floor",
-        "unit",
-    ]);
-    for (channel, error) in &outcome.error {
-        let known = |value: Option<f64>| value.map_or("–".to_owned(), short);
-        let (before, after) = (short(error.before), short(error.after));
-        table = table.row([
-            channel.clone(),
-            known(error.declared),
-            before,
-            after,
-            known(error.floor),
-            error.unit.clone(),
-        ]);
-    }
-    table
-}
-
-fn record(
-    page: Page,
+/// The measured movement of a record, and its innovations.
+fn figures(
     study: &Study,
     (label, index): (&str, usize),
     (before, after): (&Residual, &Residual),
     with: bool,
-) -> Page {
+) -> Vec<(Figure, String)> {
     let record = &study.model.records[index];
     let time = record.residual_times();
-    let mut position = Figure::new("Position", "time / s", "position / rad").size(680, 260).line(
-        Black,
-        "master",
-        &time,
-        &record.averaged(&record.master)[..time.len()],
+    let sides = [("master", Black, Some(&record.master)), ("slave", Green, record.slave.as_ref())];
+    let position = sides.into_iter().fold(
+        Figure::new("Position", "time / s", "position / rad").size(680, 260),
+        |figure, (name, colour, side)| match side {
+            Some(side) => figure.line(colour, name, &time, &record.averaged(side)[..time.len()]),
+            None => figure,
+        },
     );
-    if let Some(slave) = &record.slave {
-        position = position.line(Green, "slave", &time, &record.averaged(slave)[..time.len()]);
-    }
-    let mut page = page.figure(&position, &format!("{label}: measured movement."));
+    let mut figures = vec![(position, format!("{label}: measured movement."))];
     for (at, channel) in study.model.channels(index).into_iter().enumerate() {
-        let figure = Figure::new(
-            "Innovation",
-            "time / s",
-            format!("{} / {}", channel.column(), channel.unit()),
-        )
-        .size(680, 260);
-        let figure = drawn(&before.channels[at], &after.channels[at], with)
-            .into_iter()
-            .fold(figure, |figure, (name, colour, residual)| {
-                figure.line(colour, name, &time, residual)
-            });
-        page = page.figure(
-            &figure.horizontal(Grey, "", 0.0),
-            &format!("{label}: innovation of {}.", channel.column()),
+        let (name, unit) = (channel.column(), channel.unit());
+        let curves = drawn(&before.channels[at][..], &after.channels[at][..], with);
+        let figure = over_time("Innovation", format!("{name} / {unit}"), &time, curves);
+        figures.push((figure, format!("{label}: innovation of {name}.")));
+    }
+    figures
+}
+
+/// Rows of all reporting records, one record after another.
+#[derive(Default)]
+struct Rows {
+    position: Vec<f64>,
+    velocity: Vec<f64>,
+    torque: Vec<f64>,
+    since_reversal: Vec<f64>,
+    time: Vec<f64>,
+    before: Vec<f64>,
+    after: Vec<f64>,
+}
+
+/// Time since the velocity last changed its sign, for every row; NaN before the first time.
+fn since_reversal(velocity: &[f64], pace_s: f64) -> Vec<f64> {
+    let (mut way, mut since) = (0.0, f64::NAN);
+    velocity
+        .iter()
+        .map(|speed| {
+            since += pace_s;
+            if speed.abs() > STILL_RAD_S && speed.signum() != way {
+                since = if way == 0.0 { f64::NAN } else { 0.0 };
+                way = speed.signum();
+            }
+            since
+        })
+        .collect()
+}
+
+impl Rows {
+    /// Adds the rows of a record, with the residuals of the declared model and of the final one.
+    fn take(
+        &mut self,
+        study: &Study,
+        record: &Record,
+        channel: Channel,
+        (before, after): (&[f64], &[f64]),
+    ) {
+        let column = match (channel, &record.slave) {
+            (Channel::Slave | Channel::Torque, Some(slave)) => slave,
+            _ => &record.master,
+        };
+        let (position, pace_s) =
+            (record.averaged(column), record.step_s * record.decimation() as f64);
+        let inner = 2..record.residual_rows().saturating_sub(2);
+        let velocity: Vec<f64> = inner
+            .clone()
+            .map(|row| (position[row + 2] - position[row - 2]) / (4.0 * pace_s))
+            .collect();
+        // The torque of the hand if it is measured, else that of the motor.
+        let torque = match (channel, &record.torque) {
+            (Channel::Slave, Some(torque)) if !record.idle => record.averaged(torque),
+            _ => {
+                let constants = study.model.constants(&study.found.last().setting);
+                let per_volt = constants.map_or(f64::NAN, |own| own.motor_torque_per_volt_nm());
+                record.averaged(&record.volts).into_iter().map(|volts| per_volt * volts).collect()
+            }
+        };
+        self.since_reversal.extend(since_reversal(&velocity, pace_s));
+        self.velocity.extend(velocity);
+        for (out, column) in [
+            (&mut self.position, &position[..]),
+            (&mut self.torque, &torque),
+            (&mut self.time, &record.residual_times()),
+            (&mut self.before, before),
+            (&mut self.after, after),
+        ] {
+            out.extend_from_slice(column.get(inner.clone()).unwrap_or_default());
+        }
+    }
+}
+
+/// The innovation of one channel over the reporting records; `None` where none has the channel.
+fn residual_of(
+    study: &Study,
+    report: &[usize],
+    channel: Channel,
+    (before, after): (&[Residual], &[Residual]),
+    with: bool,
+) -> Option<ChannelResidual> {
+    let mut rows = Rows::default();
+    let (mut of_before, mut of_after) = (Vec::new(), Vec::new());
+    let (mut step_s, mut driven) = (0.0, true);
+    for (at, index) in report.iter().enumerate() {
+        let record = &study.model.records[*index];
+        let Some(place) = study.model.channels(*index).iter().position(|own| *own == channel)
+        else {
+            continue;
+        };
+        let (before, after) = (&before[at].channels[place], &after[at].channels[place]);
+        rows.take(study, record, channel, (before, after));
+        of_before.push(before.clone());
+        of_after.push(after.clone());
+        step_s = record.step_s * record.decimation() as f64;
+        driven &= record.torque.is_some() && !record.idle;
+    }
+    let late = rows.since_reversal.iter_mut().filter(|since| **since > LONGEST_S);
+    late.for_each(|since| *since = f64::NAN);
+    let torque =
+        if channel == Channel::Slave && driven { "hand's torque" } else { "motor's torque" };
+    let Rows { position, velocity, torque: torques, since_reversal, time, before, after } = rows;
+    (!before.is_empty()).then(|| ChannelResidual {
+        name: channel.column(),
+        unit: channel.unit(),
+        variables: vec![
+            ("position", "rad", position),
+            ("velocity", "rad/s", velocity),
+            (torque, "N·m", torques),
+            ("time since the last reversal", "s", since_reversal),
+            ("time", "s", time),
+        ],
+        before,
+        after,
+        spectra: drawn(of_before, of_after, with),
+        step_s,
+        with,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_side_at_rest_has_not_reversed() {
+        let since = since_reversal(&[0.0, 1.0, 0.0, 1.0, -0.05, -1.0, -1.0, 0.02, -1.0, 1.0], 0.1);
+        assert!(since[..5].iter().all(|since| since.is_nan()));
+        let expected = [0.0, 0.1, 0.2, 0.3, 0.0];
+        assert!(
+            since[5..]
+                .iter()
+                .zip(expected)
+                .all(|(since, expected)| (since - expected).abs() < 1e-12),
+            "{since:?}"
         );
     }
-    page
 }

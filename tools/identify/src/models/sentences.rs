@@ -1,0 +1,113 @@
+//! The verdict and the errors as sentences, for all kinds of models.
+
+use plant::effects::Site;
+use report::Tone;
+
+use super::bootstrap;
+use super::effect_descriptions::{OTHER_ENCODER, words};
+use crate::effects::find;
+use crate::outcome::{Named, Outcome, UnlistedTable, Verdict};
+use crate::outcome_tables::short;
+
+/// Where an effect acts.
+fn place(site: &str) -> String {
+    if site == Site::Line.name() { "in the line".to_owned() } else { format!("at the {site}") }
+}
+
+/// Where an effect of unknown shape acts.
+fn place_unlisted(site: &str) -> String {
+    if site == Site::Line.name() { "between master and slave".to_owned() } else { place(site) }
+}
+
+/// Returns the verdict as a sentence, and one on the errors. `located` tells whether the search
+/// finds where an effect acts: it does for transmissions.
+pub(crate) fn sentences(outcome: &Outcome, located: bool) -> (Tone, String, String) {
+    let (tone, sentence) = verdict(outcome, located);
+    let mut detail =
+        String::from("Root-mean-square error on rows that took no part in fitting or selection:");
+    for (index, (channel, error)) in outcome.error.iter().enumerate() {
+        let comma = if index == 0 { "" } else { ";" };
+        let value = |value: f64| with_unit(value, &error.unit);
+        let (after, percent) = (value(error.after), error.after_percent);
+        detail += &format!("{comma} {after} of {channel}, {percent:.2} % of its root mean square");
+        let before = (!outcome.effects.is_empty())
+            .then(|| format!("before: {}, {:.2} %", value(error.before), error.before_percent));
+        let floor = error.floor.map(|floor| format!("repeatability: {}", value(floor)));
+        let beside: Vec<String> = before.into_iter().chain(floor).collect();
+        if !beside.is_empty() {
+            detail += &format!(" ({})", beside.join("; "));
+        }
+    }
+    detail.push('.');
+    if let Some(calibration) = &outcome.calibration {
+        detail += &format!(" {}", bootstrap::sentence(calibration));
+    }
+    match &outcome.unlisted {
+        _ if !outcome.remains || outcome.verdict == Verdict::Unlisted => {}
+        None if !located => {
+            detail += " More than three effects show; the others are listed under “What is left”.";
+        }
+        unlisted => {
+            let of = |unlisted: &UnlistedTable| {
+                let at = if located { format!(" at the {}", unlisted.site) } else { String::new() };
+                let on = unlisted.variable().map(|on| format!(" that depends on {on}"));
+                at + &on.unwrap_or_default()
+            };
+            let of = unlisted.as_ref().map_or(String::new(), of);
+            detail += &format!(" A residual remains{of}, and no listed effect explains it.");
+        }
+    }
+    (tone, sentence, detail)
+}
+
+/// The verdict.
+fn verdict(outcome: &Outcome, located: bool) -> (Tone, String) {
+    let named = |id: &str, site: &str| match located {
+        true => format!("{} {}", words(id), place(site)),
+        false => find(id).map_or(id, |effect| effect.words).to_owned(),
+    };
+    let own: Vec<String> = outcome.effects.iter().map(|own| named(&own.id, &own.site)).collect();
+    let list = own.join(", and ");
+    match outcome.verdict {
+        Verdict::Effect => (Tone::Neutral, format!("The declared model lacks {list}.")),
+        Verdict::Ambiguous => {
+            let is_itself = |rival: &Named| {
+                outcome.effects.iter().any(|own| (&own.id, &own.site) == (&rival.id, &rival.site))
+            };
+            let other = |rival: &Named| match is_itself(rival) {
+                true => OTHER_ENCODER.to_owned(),
+                false => named(&rival.id, &rival.site),
+            };
+            let others: Vec<String> = outcome.ambiguous_with.iter().map(other).collect();
+            let others = others.join(" or ");
+            (Tone::Warning, format!("The declared model lacks {list}, or else {others}."))
+        }
+        Verdict::None => {
+            let fitted = "the declared model, fitted within its tolerances, explains them";
+            (Tone::Good, format!("These records show no missing effect: {fitted}."))
+        }
+        Verdict::Unlisted => {
+            let of = |unlisted: &UnlistedTable| match (unlisted.variable(), located) {
+                (Some(on), true) => {
+                    format!("; it acts at the {} and depends on {on}", unlisted.site)
+                }
+                (Some(on), false) => format!("; it depends on {on}"),
+                (None, _) => format!(
+                    "; it acts {}, and no function of one variable explains it",
+                    place_unlisted(&unlisted.site)
+                ),
+            };
+            let of = outcome.unlisted.as_ref().map_or(String::new(), of);
+            let lacks = "The model lacks something that no listed effect explains";
+            (Tone::Warning, format!("{lacks}{of}."))
+        }
+    }
+}
+
+/// A value with its unit: small angles in mrad.
+fn with_unit(value: f64, unit: &str) -> String {
+    match unit {
+        "rad" if value.abs() < 0.1 => format!("{} mrad", short(1e3 * value)),
+        _ => format!("{} {unit}", short(value)),
+    }
+}
