@@ -34,21 +34,24 @@ impl Series {
     /// The first of these columns that exists.
     ///
     /// # Errors
-    /// [`IdentifyError::Column`].
+    /// If there is none.
     pub fn any(&self, names: &[&'static str]) -> Result<(&'static str, &[f64])> {
         names.iter().find_map(|n| self.column(n).map(|c| (*n, c))).ok_or_else(|| {
-            IdentifyError::Column {
-                file: self.file.clone(),
-                expected: names.join(" or "),
-                found: self.columns.iter().map(|c| c.0.as_str()).collect::<Vec<_>>().join(", "),
-            }
+            let found: Vec<&str> = self.columns.iter().map(|c| c.0.as_str()).collect();
+            IdentifyError::Unusable(format!(
+                "{}: expected a column {}, found {}; SI units, names as in `farreach identify \
+                 --help`",
+                self.file,
+                names.join(" or "),
+                found.join(", ")
+            ))
         })
     }
 
     /// The time column, checked: finite, ascending, uniform.
     ///
     /// # Errors
-    /// [`IdentifyError::Cell`] at the first row that breaks the rule, [`IdentifyError::Short`].
+    /// At the first row that breaks the rule; for fewer than three rows.
     pub fn time(&self) -> Result<&[f64]> {
         let (name, time) = self.any(&["t_s"])?;
         self.finite(name)?;
@@ -74,14 +77,7 @@ impl Series {
                 continue;
             };
             let found = format!("a step of {step:.6} s");
-            return Err(IdentifyError::Cell {
-                file: self.file.clone(),
-                row: i + 2,
-                column: name.into(),
-                found,
-                expected,
-                advice,
-            });
+            return Err(self.cell((i + 2, name), found, expected, advice));
         }
         Ok(time)
     }
@@ -89,26 +85,36 @@ impl Series {
     /// Checks that every value of a column is a number.
     ///
     /// # Errors
-    /// [`IdentifyError::Cell`] at the first that is not.
+    /// At the first that is not.
     pub fn finite(&self, name: &str) -> Result<()> {
         let values = self.column(name).unwrap_or(&[]);
         match values.iter().position(|v| !v.is_finite()) {
             None => Ok(()),
-            Some(i) => Err(IdentifyError::Cell {
-                file: self.file.clone(),
-                row: i + 1,
-                column: name.into(),
-                found: values[i].to_string(),
-                expected: "a finite number".into(),
-                advice: "cut the record there; holes are never filled in silently",
-            }),
+            Some(i) => {
+                let advice = "cut the record there; holes are never filled in silently";
+                Err(self.cell((i + 1, name), values[i], "a finite number", advice))
+            }
         }
+    }
+
+    /// The error for one value; the first row below the header is 1.
+    fn cell(
+        &self,
+        (row, column): (usize, &str),
+        found: impl std::fmt::Display,
+        expected: impl std::fmt::Display,
+        advice: &str,
+    ) -> IdentifyError {
+        IdentifyError::Unusable(format!(
+            "{}, row {row}, column `{column}`: found {found}, expected {expected}; {advice}",
+            self.file
+        ))
     }
 
     /// Checks that a channel varies and takes ten different values or more.
     ///
     /// # Errors
-    /// [`IdentifyError::Channel`].
+    /// If it does not.
     pub fn alive(&self, name: &str, what: &str) -> Result<()> {
         let values = self.column(name).unwrap_or(&[]);
         let first = values.first().copied().unwrap_or(0.0);
@@ -155,11 +161,8 @@ impl Series {
 
     /// The error for too few rows.
     pub fn short(&self, rows: usize) -> IdentifyError {
-        IdentifyError::Short {
-            file: self.file.clone(),
-            found: format!("{rows} rows"),
-            expected: "at least 6 s of movement at 50 Hz or more".into(),
-        }
+        let expected = "at least 6 s of movement at 50 Hz or more";
+        IdentifyError::short(&self.file, format!("{rows} rows"), expected)
     }
 }
 

@@ -12,7 +12,7 @@ use crate::Args;
 use crate::equation_error::block_roles::Role;
 use crate::error::{IdentifyError, Result};
 use crate::input::Series;
-use crate::outcome::{Identifiability, Outcome};
+use crate::outcome::Outcome;
 use crate::outcome_tables::{short, what_is_left};
 use crate::study::{Identification, StudyOptions, read_mapped, study};
 use crate::write_rig::{Provenance, fitted};
@@ -48,7 +48,7 @@ pub fn run(args: Args) -> anyhow::Result<i32> {
             eprintln!("error: {error:#}");
             // An unknown rig name is a usage error, as for `up`.
             let named = matches!(error.downcast_ref(), Some(rig::FileError::NotShipped { .. }));
-            let mapped = matches!(error.downcast_ref(), Some(IdentifyError::MappedColumn { .. }));
+            let mapped = matches!(error.downcast_ref(), Some(IdentifyError::Usage(_)));
             return Ok(if named || mapped { 2 } else { 1 });
         }
     };
@@ -200,10 +200,11 @@ fn records(args: &Args, rig: &RigFile) -> Result<Vec<Series>> {
     let real = |path: &PathBuf| path.canonicalize().unwrap_or_else(|_| path.clone());
     for (i, (path, _)) in asked.iter().enumerate() {
         if asked[..i].iter().any(|(other, _)| real(other) == real(path)) {
-            return Err(IdentifyError::Roles {
-                what: format!("{} has two roles", path.display()),
-                advice: "a record that fits or selects must not report: give each record one role",
-            });
+            return Err(IdentifyError::Unusable(format!(
+                "{} has two roles; a record that fits or selects must not report: give each record \
+                 one role",
+                path.display()
+            )));
         }
     }
     let fixed = !asked.is_empty();
@@ -234,10 +235,11 @@ fn share_out(asked: &mut [(&PathBuf, Option<Role>)]) -> Result<()> {
     let free = asked.iter().filter(|(_, r)| r.is_none()).count();
     if free < missing.len() {
         let names: Vec<String> = missing.iter().map(|r| format!("{r:?}").to_lowercase()).collect();
-        return Err(IdentifyError::Roles {
-            what: format!("no record is left to {}", names.join(", ")),
-            advice: "name records with --fit, --select and --report-on, or give more of them",
-        });
+        return Err(IdentifyError::Unusable(format!(
+            "no record is left to {}; name records with --fit, --select and --report-on, or give \
+             more of them",
+            names.join(", ")
+        )));
     }
     let mut left = free;
     for slot in asked.iter_mut().filter(|(_, r)| r.is_none()) {
@@ -260,10 +262,9 @@ fn outcome_text(outcome: &Outcome, sentence: &str, detail: &str) -> String {
     }
     for p in &outcome.parameters {
         let std = p.std.map_or("–".to_owned(), short);
-        let remark = if p.identifiability == Identifiability::Identified {
-            String::new()
-        } else {
-            format!(" ({})", p.remark())
+        let remark = match p.remark() {
+            remark if remark.is_empty() => remark,
+            remark => format!(" ({remark})"),
         };
         text += &format!("  {:32} {:>10} ± {std} {}{remark}\n", p.name, short(p.fitted), p.unit);
     }

@@ -59,15 +59,25 @@ pub fn study(rig: &RigFile, records: &[Series], how: StudyOptions) -> Result<Ide
     let started = std::time::Instant::now();
     let file = rig.file_name().to_owned();
     let [axis] = rig.axes.as_slice() else {
-        return Err(IdentifyError::Axes { file, axes: rig.axes.len() });
+        // Nobody says which of several axes a model's parameters belong to.
+        return Err(IdentifyError::Unusable(format!(
+            "{file}: [[axes]]: expected one axis, found {}; identify one axis at a time, with a rig \
+             file that has it alone",
+            rig.axes.len()
+        )));
     };
     let model = of_kind(rig.model.kind);
     let gear = axis.master.turns_per_handle_turn;
     let slave_count_rad = axis.slave.map(|encoder| 1.0 / encoder.counts_per_unit);
     let capability = RigCapability::of(rig);
     if how.calibrate > 0 && capability.is_none() {
-        let (kind, unit) = (rig.model.kind.name().to_owned(), axis.unit.symbol());
-        return Err(IdentifyError::NotSimulated { file, kind, unit });
+        return Err(IdentifyError::Unusable(format!(
+            "{file}: --calibrate: expected a transmission with an axis in rad, found a model of \
+             kind \"{}\" with an axis in {}; records of others are not simulated: leave --calibrate \
+             out",
+            rig.model.kind.name(),
+            axis.unit.symbol()
+        )));
     }
     let options = Options {
         seed: how.seed,
@@ -82,7 +92,7 @@ pub fn study(rig: &RigFile, records: &[Series], how: StudyOptions) -> Result<Ide
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(how.jobs)
         .build()
-        .map_err(|error| IdentifyError::Read(format!("no threads: {error}")))?;
+        .map_err(|error| IdentifyError::Unusable(format!("no threads: {error}")))?;
     let declared = rig.axis_model(axis);
     let (mut outcome, page) =
         pool.install(|| model.identify(&file, &declared, records, options))?;
@@ -105,11 +115,13 @@ fn check_mapping(rig: &RigFile, mapping: &[Mapping]) -> Result<()> {
     let model = of_kind(rig.model.kind);
     let unknown = mapping.iter().find(|own| !model.columns().contains(&own.column.as_str()));
     unknown.map_or(Ok(()), |own| {
-        Err(IdentifyError::MappedColumn {
-            column: own.column.clone(),
-            known: model.columns().join(", "),
-            kind: rig.model.kind.name(),
-        })
+        Err(IdentifyError::Usage(format!(
+            "--map {}=...: expected one of the columns {} of a model of kind \"{}\"; correct the \
+             name on the left of the equals sign",
+            own.column,
+            model.columns().join(", "),
+            rig.model.kind.name()
+        )))
     })
 }
 
@@ -125,7 +137,7 @@ fn machine(rig: &RigFile) -> String {
 /// longer be read are not checked any further.
 fn check_machine(path: &Path, rig: &RigFile) -> Result<()> {
     let recording =
-        Recording::open(path).map_err(|error| IdentifyError::Read(error.to_string()))?;
+        Recording::open(path).map_err(|error| IdentifyError::Unusable(error.to_string()))?;
     let starts = recording.metadata_records.iter().filter(|(name, _)| name == START_RECORD);
     for (_, start) in starts {
         let text = start.get(key::RIG_FILE).and_then(|text| RigFile::parse(text, "rig_file").ok());
@@ -135,12 +147,14 @@ fn check_machine(path: &Path, rig: &RigFile) -> Result<()> {
             _ => continue,
         };
         if found != machine(rig) {
-            return Err(IdentifyError::OtherMachine {
-                file: path.display().to_string(),
-                rig_file: rig.file_name().to_owned(),
-                expected: machine(rig),
-                found,
-            });
+            return Err(IdentifyError::Unusable(format!(
+                "{}: expected a recording of {} (by {}), found one of {found}; give the rig file of \
+                 the machine that was recorded, or, if it is the same machine, give both rig files \
+                 the same name, kind and unit",
+                path.display(),
+                machine(rig),
+                rig.file_name()
+            )));
         }
     }
     Ok(())
@@ -164,7 +178,7 @@ fn from_the_first(records: &[Series]) -> Option<Vec<Series>> {
 /// values, gaps and time that runs backwards; its remarks go into the notes.
 ///
 /// # Errors
-/// [`IdentifyError::Read`], with file, row and column.
+/// [`IdentifyError::Unusable`], with file, row and column.
 pub fn read(path: &Path, rig: &RigFile) -> Result<Series> {
     read_mapped(path, rig, &record::Options::default())
 }
@@ -192,7 +206,7 @@ pub fn read_mapped(path: &Path, rig: &RigFile, options: &record::Options) -> Res
         (true, true) => record::from_mcap(path, &SampleColumns::new(names), options),
         (true, false) => record::from_topics(path, options),
     };
-    let record = read.map_err(|e| IdentifyError::Read(e.to_string()))?;
+    let record = read.map_err(|e| IdentifyError::Unusable(e.to_string()))?;
     let notes = record
         .findings
         .iter()
@@ -277,7 +291,7 @@ mod tests {
             ..record::Options::default()
         };
         let error = read_mapped(Path::new("run.csv"), &rig("hydrostatic"), &options).unwrap_err();
-        assert!(matches!(error, IdentifyError::MappedColumn { .. }), "{error}");
+        assert!(matches!(error, IdentifyError::Usage(_)), "{error}");
         let text = error.to_string();
         assert!(text.contains("slave_tourqe_nm") && text.contains("slave_torque_nm"), "{text}");
     }

@@ -42,39 +42,10 @@ pub struct Written {
     pub left_out: Vec<String>,
 }
 
-/// The rig file cannot be changed.
+/// Why the rig file cannot be changed: with the file, the key, what was expected and found.
 #[derive(Debug, thiserror::Error)]
-pub enum WriteRigError {
-    /// The text is not TOML.
-    #[error("{file}: expected a rig file, found {found}")]
-    Text {
-        /// The file.
-        file: String,
-        /// What is wrong with it.
-        found: String,
-    },
-    /// A fitted parameter is no longer where it was read from.
-    #[error("{file}: {key}: expected a number or a table with `value`, found {found}")]
-    Key {
-        /// The file.
-        file: String,
-        /// The key.
-        key: String,
-        /// What was found there.
-        found: &'static str,
-    },
-    /// The rig file is invalid, with the fitted values or without.
-    #[error(
-        "the rig file is not written, because it could not be used:\n{problems}\nmend these keys \
-         in {file} and run identify again"
-    )]
-    Refused {
-        /// The original.
-        file: String,
-        /// All problems, with lines of the refused text.
-        problems: String,
-    },
-}
+#[error("{0}")]
+pub struct WriteRigError(String);
 
 /// Returns the text of the rig file `file` with the result of an identification.
 ///
@@ -101,12 +72,14 @@ pub fn fitted(
         return Ok(Written { text: None, told: String::new(), left_out: vec![what] });
     }
     let mut document: DocumentMut = text.parse().map_err(|error: toml_edit::TomlError| {
-        WriteRigError::Text { file: file.into(), found: error.to_string() }
+        WriteRigError(format!("{file}: expected a rig file, found {error}"))
     })?;
     let read = |text: &str| {
-        RigFile::parse(text, file).map_err(|problems| WriteRigError::Refused {
-            file: file.into(),
-            problems: problems.to_string(),
+        RigFile::parse(text, file).map_err(|problems| {
+            WriteRigError(format!(
+                "the rig file is not written, because it could not be used:\n{problems}\nmend these \
+                 keys in {file} and run identify again"
+            ))
         })
     };
     let Entries { effects, beside, mut left_out } = entries(outcome, &read(text)?.model);
@@ -208,10 +181,11 @@ fn put_parameter(
     narrow: bool,
 ) -> Result<(), WriteRigError> {
     let name = parameter.name.as_str();
-    let wrong = |found| WriteRigError::Key {
-        file: file.into(),
-        key: format!("model.parameters.{name}"),
-        found,
+    let wrong = |found| {
+        WriteRigError(format!(
+            "{file}: model.parameters.{name}: expected a number or a table with `value`, found \
+             {found}"
+        ))
     };
     let table = table_of(document, name).ok_or_else(|| wrong("no table of parameters"))?;
     if table.get(name).is_none() {

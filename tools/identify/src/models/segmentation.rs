@@ -46,16 +46,13 @@ pub(super) fn segment(records: &[Series], notes: &mut Vec<String>) -> Result<Opt
     }
     if segments.len() < FEWEST {
         let (found, moved) = (records.len(), segments.len());
-        return Err(IdentifyError::Roles {
-            what: format!(
-                "expected three records of a transmission, or one that moves for {:.0} s or more; \
-                 found {found} with {moved} {} of movement of {LENGTH_S} s",
-                FEWEST as f64 * LENGTH_S,
-                if moved == 1 { "segment" } else { "segments" }
-            ),
-            advice: "whole records fit, select and report: give more of them, with movements that \
-                     differ, or a longer one",
-        });
+        return Err(IdentifyError::Unusable(format!(
+            "expected three records of a transmission, or one that moves for {:.0} s or more; \
+             found {found} with {moved} {} of movement of {LENGTH_S} s; whole records fit, select \
+             and report: give more of them, with movements that differ, or a longer one",
+            FEWEST as f64 * LENGTH_S,
+            if moved == 1 { "segment" } else { "segments" }
+        )));
     }
     // Roles alternate within each class of frequency content.
     let mut order: Vec<usize> = (0..segments.len()).collect();

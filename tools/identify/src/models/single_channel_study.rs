@@ -40,14 +40,15 @@ pub(super) fn study(
 ) -> Result<(Outcome, Page)> {
     let regression = predictor.regression();
     let blocks = blocks(regression, records, options.seed)?;
-    let found = search(&predictor, &blocks).ok_or_else(|| IdentifyError::Singular {
-        file: records.iter().map(|r| r.file.as_str()).collect::<Vec<_>>().join(", "),
-        columns: regression
-            .parameters
-            .iter()
-            .map(|p| p.name.as_str())
-            .collect::<Vec<_>>()
-            .join(", "),
+    let found = search(&predictor, &blocks).ok_or_else(|| {
+        let files: Vec<&str> = records.iter().map(|r| r.file.as_str()).collect();
+        let columns: Vec<&str> = regression.parameters.iter().map(|p| p.name.as_str()).collect();
+        IdentifyError::Unusable(format!(
+            "{}: the columns {} cannot be told apart in the rows that take part in the fit; excite \
+             the machine more",
+            files.join(", "),
+            columns.join(", ")
+        ))
     })?;
     Ok(conclude(&Study { predictor, blocks, found, channel, notes }))
 }
@@ -82,17 +83,19 @@ pub(super) fn declared_parameters(
                 continue;
             }
             let found: Vec<&str> = model.parameters.iter().map(|p| p.name.as_str()).collect();
-            return Err(IdentifyError::Parameter {
-                file: file.to_owned(),
-                kind: model.kind.name(),
-                name: names[0],
-                found: found.join(", "),
-            });
+            return Err(IdentifyError::Unusable(format!(
+                "{file}: [model.parameters]: expected `{}` for a model of kind `{}`, found {}; add \
+                 it with its value and tolerance",
+                names[0],
+                model.kind.name(),
+                found.join(", ")
+            )));
         };
         if *need == Need::Positive && declared.value <= 0.0 {
-            let (file, value) = (file.to_owned(), declared.value);
-            let (name, expected) = (names[0], "more than 0");
-            return Err(IdentifyError::Value { file, name, value, expected });
+            return Err(IdentifyError::Unusable(format!(
+                "{file}: [model.parameters] {} = {}: expected more than 0",
+                names[0], declared.value
+            )));
         }
         parameters.push(Parameter {
             name: declared.name.clone(),
@@ -218,15 +221,15 @@ fn blocks(regression: &RegressionModel, records: &[Series], seed: u64) -> Result
         // One or two blocks give no standard error of a mean, and anything would pass.
         Some(first) if selecting().count() < FEWEST_SELECTING => {
             let b = &regression.balances[first.record];
-            Err(IdentifyError::Short {
-                file: records[first.record].file.clone(),
-                found: format!("{:.2} s to select on", b.rows() as f64 * b.row_step()),
-                expected: format!(
+            Err(IdentifyError::short(
+                &records[first.record].file,
+                format!("{:.2} s to select on", b.rows() as f64 * b.row_step()),
+                format!(
                     "{FEWEST_SELECTING} stretches of {BLOCK_S} s and of {BLOCK_PERIODS} periods of \
                      {} Hz",
                     b.cut_off
                 ),
-            })
+            ))
         }
         _ => Ok(blocks),
     }

@@ -55,14 +55,11 @@ impl Model for Transmission {
             TransmissionModel::new(rig_file, declared, laid_out, options.slave_count_rad)?;
         for role in [Role::Fit, Role::Select, Role::Report] {
             if model.of_role(role).is_empty() {
-                return Err(IdentifyError::Roles {
-                    what: format!(
-                        "expected at least three records of a transmission, found {}",
-                        model.records.len()
-                    ),
-                    advice: "whole records fit, select and report: give more of them, with \
-                             movements that differ",
-                });
+                return Err(IdentifyError::Unusable(format!(
+                    "expected at least three records of a transmission, found {}; whole records \
+                     fit, select and report: give more of them, with movements that differ",
+                    model.records.len()
+                )));
             }
         }
         if model.records.iter().all(|record| record.idle) {
@@ -118,7 +115,12 @@ fn not_used(records: &[Series]) -> Option<String> {
 
 fn lost(model: &TransmissionModel) -> IdentifyError {
     let files: Vec<&str> = model.records.iter().map(|record| record.name.as_str()).collect();
-    IdentifyError::Lost { file: files.join(", ") }
+    IdentifyError::Unusable(format!(
+        "{}: the declared model diverges from these records for all parameters within their \
+         tolerances; expected records of this rig: check the rig file, the units and the signs of \
+         the columns",
+        files.join(", ")
+    ))
 }
 
 #[cfg(test)]

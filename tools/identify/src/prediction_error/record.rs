@@ -74,11 +74,9 @@ impl Record {
         }
         let step_s = (time[time.len() - 1] - time[0]) / (time.len() - 1) as f64;
         if (time.len() as f64) * step_s < SHORTEST_S {
-            return Err(IdentifyError::Short {
-                file: series.file.clone(),
-                found: format!("{:.2} s", time.len() as f64 * step_s),
-                expected: format!("at least {SHORTEST_S} s of movement"),
-            });
+            let found = format!("{:.2} s", time.len() as f64 * step_s);
+            let expected = format!("at least {SHORTEST_S} s of movement");
+            return Err(IdentifyError::short(&series.file, found, expected));
         }
         check_plausible(series, step_s, notes)?;
         let torque = torque.map(<[f64]>::to_vec);

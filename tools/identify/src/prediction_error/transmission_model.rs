@@ -181,8 +181,9 @@ impl TransmissionModel {
         records: Vec<Record>,
         slave_count_rad: Option<f64>,
     ) -> Result<Self> {
-        let constants =
-            declared.transmission(file).map_err(|error| IdentifyError::Read(error.to_string()))?;
+        let constants = declared
+            .transmission(file)
+            .map_err(|error| IdentifyError::Unusable(error.to_string()))?;
         let mut base = Vec::new();
         for parameter in &declared.parameters {
             let Some(info) = constants.infos().iter().find(|info| info.name == parameter.name)
