@@ -61,8 +61,8 @@ pub fn study(rig: &RigFile, records: &[Series], how: StudyOptions) -> Result<Ide
     let [axis] = rig.axes.as_slice() else {
         // Nobody says which of several axes a model's parameters belong to.
         return Err(IdentifyError::Unusable(format!(
-            "{file}: [[axes]]: expected one axis, found {}; identify one axis at a time, with a rig \
-             file that has it alone",
+            "{file}: [[axes]]: expected one axis, found {}; identify one axis at a time, with a \
+             rig file that has it alone",
             rig.axes.len()
         )));
     };
@@ -73,8 +73,8 @@ pub fn study(rig: &RigFile, records: &[Series], how: StudyOptions) -> Result<Ide
     if how.calibrate > 0 && capability.is_none() {
         return Err(IdentifyError::Unusable(format!(
             "{file}: --calibrate: expected a transmission with an axis in rad, found a model of \
-             kind \"{}\" with an axis in {}; records of others are not simulated: leave --calibrate \
-             out",
+             kind \"{}\" with an axis in {}; records of others are not simulated: leave \
+             --calibrate out",
             rig.model.kind.name(),
             axis.unit.symbol()
         )));
@@ -148,9 +148,9 @@ fn check_machine(path: &Path, rig: &RigFile) -> Result<()> {
         };
         if found != machine(rig) {
             return Err(IdentifyError::Unusable(format!(
-                "{}: expected a recording of {} (by {}), found one of {found}; give the rig file of \
-                 the machine that was recorded, or, if it is the same machine, give both rig files \
-                 the same name, kind and unit",
+                "{}: expected a recording of {} (by {}), found one of {found}; give the rig file \
+                 of the machine that was recorded, or, if it is the same machine, give both rig \
+                 files the same name, kind and unit",
                 path.display(),
                 machine(rig),
                 rig.file_name()

@@ -77,8 +77,8 @@ pub fn fitted(
     let read = |text: &str| {
         RigFile::parse(text, file).map_err(|problems| {
             WriteRigError(format!(
-                "the rig file is not written, because it could not be used:\n{problems}\nmend these \
-                 keys in {file} and run identify again"
+                "the rig file is not written, because it could not be used:\n{problems}\nmend \
+                 these keys in {file} and run identify again"
             ))
         })
     };
