@@ -131,7 +131,7 @@ impl Plant {
             let mean = velocity + 0.5 * self.increment;
             let mean = if mean * velocity < 0.0 { 0.0 } else { mean };
             let half = self.state.position_m + 0.5 * step * velocity;
-            let moment = self.moment(self.state.time_s + 0.5 * step, step, half, mean);
+            let moment = Moment::middle(self.state.time_s, step, &[half; 2], &[mean; 2]);
             let mut force = force_n;
             for effect in &mut self.drive {
                 force = effect.amplifier(force, &moment);
@@ -169,21 +169,10 @@ impl Plant {
         }
         self.reading =
             Reading { motor_v: force_n, master_rad: self.state.position_m, ..Reading::default() };
-        let moment =
-            self.moment(self.state.time_s, 0.0, self.state.position_m, self.state.velocity_m_s);
+        let State { time_s, position_m, velocity_m_s, .. } = self.state;
+        let moment = Moment::middle(time_s, 0.0, &[position_m; 2], &[velocity_m_s; 2]);
         for effect in &mut self.sensor {
             effect.sense(&mut self.reading, &moment);
-        }
-    }
-
-    fn moment(&self, time_s: f64, step_s: f64, position: f64, velocity: f64) -> Moment {
-        Moment {
-            time_s,
-            step_s,
-            master_position_rad: position,
-            master_velocity_rad_s: velocity,
-            slave_position_rad: position,
-            slave_velocity_rad_s: velocity,
         }
     }
 }

@@ -2,7 +2,7 @@
 //!
 //! `v → v - clamp(v, -w, w)`.
 
-use super::{Effect, Moment, effect, identity};
+use super::{Effect, Moment, effect};
 
 effect! {
     "amplifier_deadzone": "an amplifier that does nothing for small volts";
@@ -15,8 +15,6 @@ effect! {
 }
 
 impl Effect for AmplifierDeadzone {
-    identity!();
-
     fn amplifier(&mut self, volts: f64, _moment: &Moment) -> f64 {
         volts - volts.clamp(-self.half_width, self.half_width)
     }

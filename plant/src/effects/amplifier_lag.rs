@@ -2,7 +2,7 @@
 //!
 //! `T v̇ + v = v_in`, exact for held volts.
 
-use super::{Effect, LineConstants, Moment, effect, identity};
+use super::{Effect, LineConstants, Moment, effect};
 
 effect! {
     "amplifier_lag": "an amplifier that follows late";
@@ -18,8 +18,6 @@ effect! {
 }
 
 impl Effect for AmplifierLag {
-    identity!();
-
     fn prepare(&mut self, _constants: &dyn LineConstants) {
         self.volts = 0.0;
     }

@@ -2,7 +2,7 @@
 //!
 //! `v → clamp(v, -v_max, v_max)`.
 
-use super::{Effect, Moment, effect, identity};
+use super::{Effect, Moment, effect};
 
 effect! {
     "amplifier_saturation": "an amplifier that clips";
@@ -15,8 +15,6 @@ effect! {
 }
 
 impl Effect for AmplifierSaturation {
-    identity!();
-
     fn amplifier(&mut self, volts: f64, _moment: &Moment) -> f64 {
         volts.clamp(-self.limit, self.limit)
     }

@@ -4,7 +4,7 @@
 //! total never falls below zero. Beside a declared offset only the viscous part is seen. The rig
 //! has 0.9 N·m forward and 1.0 N·m backward (§ 5.2.2).
 
-use super::{Effect, Moment, SideLoad, effect, identity};
+use super::{Effect, Moment, SideLoad, effect};
 use crate::friction::{Asymmetric, FrictionLaw};
 
 effect! {
@@ -20,8 +20,6 @@ effect! {
 }
 
 impl Effect for AsymmetricFriction {
-    identity!();
-
     fn side(&mut self, load: &mut SideLoad, moment: &Moment) {
         let at = load.operating_point(moment);
         let mut law = Asymmetric {

@@ -6,7 +6,7 @@
 //! The port damping acts only beyond the gap. Source: Nordin and Gutman, Automatica 38 (2002), dead
 //! zone model.
 
-use super::{Effect, End, Link, Moment, Site, effect, identity};
+use super::{Effect, Link, Moment, Side, Site, effect};
 
 effect! {
     "backlash": "backlash";
@@ -19,11 +19,9 @@ effect! {
 }
 
 impl Effect for Backlash {
-    identity!();
-
     fn deflect(&mut self, link: &mut Link, _moment: &Moment) {
         let half = match (self.site, link.end) {
-            (Site::Master, End::Master) | (Site::Slave, End::Slave) => {
+            (Site::Master, Side::Master) | (Site::Slave, Side::Slave) => {
                 0.5 * self.gap * link.displacement_m_per_rad
             }
             (Site::Line, _) => 0.25 * self.gap,

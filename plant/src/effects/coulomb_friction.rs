@@ -2,7 +2,7 @@
 //!
 //! `τ_f = c sgn(q̇)`, up to `c` at rest.
 
-use super::{Effect, Moment, SideLoad, effect, identity};
+use super::{Effect, Moment, SideLoad, effect};
 use crate::friction::{Coulomb, FrictionLaw};
 
 effect! {
@@ -16,8 +16,6 @@ effect! {
 }
 
 impl Effect for CoulombFriction {
-    identity!();
-
     fn side(&mut self, load: &mut SideLoad, moment: &Moment) {
         let at = load.operating_point(moment);
         Coulomb { level: self.level }.contribute(&mut load.load, &at);

@@ -58,6 +58,12 @@ macro_rules! effect {
             pub fn at(site: $crate::effects::Site) -> Self { Self { site, ..Self::default() } }
         }
 
+        impl $crate::effects::Identity for $type {
+            fn id(&self) -> &'static str { $id }
+
+            fn site(&self) -> $crate::effects::Site { self.site }
+        }
+
         /// The effect as [`LIST`](super::LIST) has it.
         pub const ENTRY: $crate::effects::declaration::Entry = $crate::effects::declaration::Entry {
             id: $id,
@@ -73,17 +79,3 @@ macro_rules! effect {
     };
 }
 pub(crate) use effect;
-
-/// Name and site of an effect that is declared with `effect!`, for its `impl Effect`.
-macro_rules! identity {
-    () => {
-        fn id(&self) -> &'static str {
-            ENTRY.id
-        }
-
-        fn site(&self) -> $crate::effects::Site {
-            self.site
-        }
-    };
-}
-pub(crate) use identity;

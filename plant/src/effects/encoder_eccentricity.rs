@@ -3,7 +3,7 @@
 //! `q → q + a sin(n q + φ)` on the slave's encoder, or on the master's (for a drive: its position)
 //! where `on_master` is 1; once (`n = 1`) or twice a turn.
 
-use super::{Effect, Moment, Reading, effect, identity};
+use super::{Effect, Moment, Reading, effect};
 
 effect! {
     "encoder_eccentricity": "an encoder disc that does not run true";
@@ -22,8 +22,6 @@ effect! {
 }
 
 impl Effect for EncoderEccentricity {
-    identity!();
-
     fn sense(&mut self, reading: &mut Reading, _moment: &Moment) {
         let position =
             if self.on_master > 0.5 { &mut reading.master_rad } else { &mut reading.slave_rad };

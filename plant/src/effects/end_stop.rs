@@ -9,7 +9,7 @@
 //! The spring acts at the midpoint of the internal step, which conserves its energy; the damper
 //! only dissipates. Defaults are assumed: a rubber buffer that yields 0.4° under 3.5 N·m.
 
-use super::{Effect, Moment, SideLoad, Site, effect, identity};
+use super::{Effect, Moment, SideLoad, Site, effect};
 
 effect! {
     "end_stop": "hard stops that end the travel of the handle";
@@ -35,8 +35,6 @@ impl EndStop {
 }
 
 impl Effect for EndStop {
-    identity!();
-
     fn side(&mut self, load: &mut SideLoad, _moment: &Moment) {
         let inside = load.position_rad.max(self.lower_rad).min(self.upper_rad);
         let beyond = load.position_rad - inside;

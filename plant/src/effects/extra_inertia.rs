@@ -2,7 +2,7 @@
 //!
 //! `I' = I + J`.
 
-use super::{Effect, effect, identity};
+use super::{Effect, effect};
 
 effect! {
     "extra_inertia": "inertia beyond the declared";
@@ -15,8 +15,6 @@ effect! {
 }
 
 impl Effect for ExtraInertia {
-    identity!();
-
     fn extra_inertia(&self) -> f64 {
         self.inertia
     }

@@ -2,7 +2,7 @@
 //!
 //! `τ = -m g l sin(q + φ)`; at `φ = 0` it pulls towards zero.
 
-use super::{Effect, Moment, SideLoad, effect, identity};
+use super::{Effect, Moment, SideLoad, effect};
 
 effect! {
     "gravity_imbalance": "a centre of mass off the axis";
@@ -17,8 +17,6 @@ effect! {
 }
 
 impl Effect for GravityImbalance {
-    identity!();
-
     fn side(&mut self, load: &mut SideLoad, _moment: &Moment) {
         load.load.force -= self.torque * (load.position_rad + self.phase).sin();
     }

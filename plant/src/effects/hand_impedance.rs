@@ -4,7 +4,7 @@
 //! inboard of the torque cell, relaxed at the slave's zero. Size is `k`; the damper is `b = k t_b`
 //! and the inertia `J = k t_J²`. Defaults are of the order of a relaxed wrist; assumed.
 
-use super::{Effect, Moment, SideLoad, effect, identity};
+use super::{Effect, Moment, SideLoad, effect};
 
 effect! {
     "hand_impedance": "spring, damper and mass of a hand that the model leaves out";
@@ -21,8 +21,6 @@ effect! {
 }
 
 impl Effect for HandImpedance {
-    identity!();
-
     fn side(&mut self, load: &mut SideLoad, _moment: &Moment) {
         load.load.force -= self.stiffness * load.position_rad;
         let viscous = self.stiffness * self.damper_time_s;

@@ -4,7 +4,7 @@
 //! `Δp = 2F/A` and the deflection that carries force creeps away: `ẋ_leak = 2 G F / A²` (hose
 //! area). Laminar gap flow. Source: Merritt, Hydraulic Control Systems, 1967, cross-port leakage.
 
-use super::{Demand, Effect, LineConstants, Link, Moment, effect, identity};
+use super::{Demand, Effect, LineConstants, Link, Moment, effect};
 
 effect! {
     "leakage": "flow past the seals: slow creep under load";
@@ -22,8 +22,6 @@ effect! {
 }
 
 impl Effect for Leakage {
-    identity!();
-
     fn prepare(&mut self, constants: &dyn LineConstants) {
         // No fluid, no leak.
         let area = constants.fluid_area_m2().unwrap_or(f64::INFINITY);

@@ -3,7 +3,7 @@
 //! `1/K' = (1 + r)/K`: hose bulging, belts, entrained gas, which § 3.2.2 neglects. The traced rig
 //! is the printed one with `r = 13`. Acts like a changed `line_stiffness_factor`.
 
-use super::{Effect, LineConstants, effect, identity};
+use super::{Effect, LineConstants, effect};
 
 effect! {
     "line_compliance": "more compliance in series than the fluid's (hose bulging, belts)";
@@ -16,8 +16,6 @@ effect! {
 }
 
 impl Effect for LineCompliance {
-    identity!();
-
     fn modify(&self, constants: &mut dyn LineConstants) {
         constants.scale_line_stiffness(1.0 / (1.0 + self.compliance_ratio));
     }

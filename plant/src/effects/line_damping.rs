@@ -3,7 +3,7 @@
 //! `D' = D + c` in eq. 3.1.9, at both ends of both lines. Acts like a changed
 //! `port_damping_n_s_per_m`.
 
-use super::{Effect, LineConstants, effect, identity};
+use super::{Effect, LineConstants, effect};
 
 effect! {
     "line_damping": "damping beyond the declared";
@@ -16,8 +16,6 @@ effect! {
 }
 
 impl Effect for LineDamping {
-    identity!();
-
     fn modify(&self, constants: &mut dyn LineConstants) {
         constants.add_line_damping(self.damping);
     }

@@ -3,7 +3,7 @@
 //! `τ_f += μ |τ_line| sgn(q̇)`: seals pressed by the fluid, bearings by the belt; the law of
 //! [`crate::friction::LoadDependent`] without its saturation.
 
-use super::{Effect, Moment, SideLoad, effect, identity};
+use super::{Effect, Moment, SideLoad, effect};
 use crate::friction::{FrictionLaw, LoadDependent};
 
 effect! {
@@ -17,8 +17,6 @@ effect! {
 }
 
 impl Effect for LoadDependentFriction {
-    identity!();
-
     fn side(&mut self, load: &mut SideLoad, moment: &Moment) {
         let at = load.operating_point(moment);
         let mut law = LoadDependent { coefficient: self.coefficient, saturation: f64::INFINITY };

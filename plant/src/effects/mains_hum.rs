@@ -2,7 +2,7 @@
 //!
 //! `τ → τ + a sin(2π f t + φ)`.
 
-use super::{Effect, Moment, Reading, effect, identity};
+use super::{Effect, Moment, Reading, effect};
 
 effect! {
     "mains_hum": "mains frequency in the torque channel";
@@ -19,8 +19,6 @@ effect! {
 }
 
 impl Effect for MainsHum {
-    identity!();
-
     fn sense(&mut self, reading: &mut Reading, moment: &Moment) {
         let angle = std::f64::consts::TAU * self.frequency_hz * moment.time_s + self.phase;
         reading.slave_torque_nm += self.amplitude * angle.sin();

@@ -52,8 +52,8 @@ pub mod viscous_friction;
 pub use adjustable_constants::LineConstants;
 pub use by_name::{EffectError, make, parse};
 pub(crate) use by_site::Sited;
+pub(crate) use declaration::effect;
 pub use declaration::{Entry, Place};
-pub(crate) use declaration::{effect, identity};
 
 /// Every effect, grouped by kind. Names and sites are an interface.
 pub const LIST: &[Entry] = &[
@@ -150,10 +150,10 @@ pub struct Moment {
 }
 
 impl Moment {
-    /// The midpoint of an internal step that begins at `time_s`, from positions and velocities of
-    /// master and slave there.
+    /// The midpoint of an internal step that begins at `time_s` (the instant itself where `step_s`
+    /// is 0), from positions and velocities of master and slave there.
     #[inline(always)]
-    pub(crate) fn middle(time_s: f64, step_s: f64, half: &[f64; 4], mean: &[f64; 4]) -> Self {
+    pub(crate) fn middle(time_s: f64, step_s: f64, half: &[f64], mean: &[f64]) -> Self {
         Self {
             time_s: time_s + 0.5 * step_s,
             step_s,
@@ -165,21 +165,12 @@ impl Moment {
     }
 }
 
-/// A side of the transmission.
+/// A side of the transmission, and the end of a line there.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Side {
     /// Master.
     Master,
     /// Slave.
-    Slave,
-}
-
-/// An end of a line.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum End {
-    /// At the master.
-    Master,
-    /// At the slave.
     Slave,
 }
 
@@ -190,7 +181,7 @@ pub enum End {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Link {
     /// Which end.
-    pub end: End,
+    pub end: Side,
     /// Line 0 or 1.
     pub line: usize,
     /// Declared stiffness `2K`, N/m.
@@ -259,15 +250,18 @@ impl Default for Demand {
     }
 }
 
-/// A deviation from the declared model. Hooks do nothing by default; they must not allocate, and
-/// each is called exactly once per internal step (per link, line or side).
-pub trait Effect: ParameterSet + CloneEffect + fmt::Debug + Send {
+/// Which effect it is, and where.
+pub trait Identity {
     /// Its name in [`LIST`].
     fn id(&self) -> &'static str;
 
     /// Where it acts.
     fn site(&self) -> Site;
+}
 
+/// A deviation from the declared model. Hooks do nothing by default; they must not allocate, and
+/// each is called exactly once per internal step (per link, line or side).
+pub trait Effect: Identity + ParameterSet + CloneEffect + fmt::Debug + Send {
     /// Changes the plant's constants, once, before the first step.
     fn modify(&self, _constants: &mut dyn LineConstants) {}
 

@@ -7,7 +7,7 @@
 //! falls below 5 % of the declared. At the slave only the slave's ends are nonlinear. Source:
 //! polynomial spring (Duffing).
 
-use super::{Demand, Effect, End, LineConstants, Link, Moment, effect, identity};
+use super::{Demand, Effect, LineConstants, Link, Moment, Side, effect};
 
 /// Force at the reference deflection, N per line.
 const REFERENCE_N: f64 = 20.0;
@@ -28,8 +28,6 @@ effect! {
 }
 
 impl Effect for NonlinearStiffness {
-    identity!();
-
     fn prepare(&mut self, constants: &dyn LineConstants) {
         self.reference_m = REFERENCE_N / (2.0 * constants.line_stiffness_n_per_m());
     }
@@ -46,7 +44,7 @@ impl Effect for NonlinearStiffness {
         let part = link.deflection_m / self.reference_m;
         // While the slave is driven forward the fluid lags at the master's end and leads at the
         // slave's.
-        let forward = if link.end == End::Slave { part } else { -part };
+        let forward = if link.end == Side::Slave { part } else { -part };
         let extra = (self.even * forward + self.cubic * part * part).max(-0.95);
         let force = link.stiffness_n_per_m * link.deflection_m * extra;
         link.force_n += force;

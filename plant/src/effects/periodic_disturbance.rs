@@ -2,7 +2,7 @@
 //!
 //! `τ += a sin(2π f t + φ)`: the scanner's gradients shake the table.
 
-use super::{Effect, Moment, SideLoad, effect, identity};
+use super::{Effect, Moment, SideLoad, effect};
 
 effect! {
     "periodic_disturbance": "a vibration of fixed frequency";
@@ -19,8 +19,6 @@ effect! {
 }
 
 impl Effect for PeriodicDisturbance {
-    identity!();
-
     fn side(&mut self, load: &mut SideLoad, moment: &Moment) {
         let angle = std::f64::consts::TAU * self.frequency_hz * moment.time_s + self.phase;
         load.load.force += self.amplitude * angle.sin();

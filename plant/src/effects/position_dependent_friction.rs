@@ -3,7 +3,7 @@
 //! All dry friction of the side times `1 + a sin(n q + φ)`. Ch. 4 (introduction): "static friction
 //! varies with position"; fig. 5.5 shows it.
 
-use super::{Effect, Moment, SideLoad, effect, identity};
+use super::{Effect, Moment, SideLoad, effect};
 use crate::friction::PositionDependent;
 
 effect! {
@@ -21,8 +21,6 @@ effect! {
 }
 
 impl Effect for PositionDependentFriction {
-    identity!();
-
     fn side(&mut self, load: &mut SideLoad, _moment: &Moment) {
         let law = PositionDependent {
             level: 1.0,

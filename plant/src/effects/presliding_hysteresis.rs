@@ -5,7 +5,7 @@
 //! both directions. The rest stays dry. Source: Dahl, 1968; Canudas de Wit et al., IEEE TAC 40
 //! (1995).
 
-use super::{Demand, Effect, LineConstants, Moment, SideLoad, effect, identity};
+use super::{Demand, Effect, LineConstants, Moment, SideLoad, effect};
 use crate::friction::Bristle;
 
 effect! {
@@ -25,8 +25,6 @@ effect! {
 }
 
 impl Effect for PreslidingHysteresis {
-    identity!();
-
     fn side(&mut self, load: &mut SideLoad, moment: &Moment) {
         let dry = load.load.dry;
         if self.stiffness == 0.0 {

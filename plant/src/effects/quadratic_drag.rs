@@ -2,7 +2,7 @@
 //!
 //! `τ_f = c |q̇| q̇`: turbulent flow through ports and bends.
 
-use super::{Effect, Moment, SideLoad, effect, identity};
+use super::{Effect, Moment, SideLoad, effect};
 
 effect! {
     "quadratic_drag": "drag with the square of speed";
@@ -15,8 +15,6 @@ effect! {
 }
 
 impl Effect for QuadraticDrag {
-    identity!();
-
     fn side(&mut self, load: &mut SideLoad, _moment: &Moment) {
         let viscous = self.coefficient * load.velocity_rad_s.abs();
         load.load.viscous_forward += viscous;

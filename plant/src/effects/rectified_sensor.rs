@@ -3,7 +3,7 @@
 //! `τ → (1 - r) τ + r |τ|`: 1 is a full rectifier (a reflected intensity on the wrong side of its
 //! maximum).
 
-use super::{Effect, Moment, Reading, effect, identity};
+use super::{Effect, Moment, Reading, effect};
 
 effect! {
     "rectified_sensor": "a torque channel that loses its sign";
@@ -16,8 +16,6 @@ effect! {
 }
 
 impl Effect for RectifiedSensor {
-    identity!();
-
     fn sense(&mut self, reading: &mut Reading, _moment: &Moment) {
         reading.slave_torque_nm +=
             self.part * (reading.slave_torque_nm.abs() - reading.slave_torque_nm);

@@ -2,7 +2,7 @@
 //!
 //! `τ → τ + k v_motor`.
 
-use super::{Effect, Moment, Reading, effect, identity};
+use super::{Effect, Moment, Reading, effect};
 
 effect! {
     "sensor_crosstalk": "motor volts in the torque channel";
@@ -15,8 +15,6 @@ effect! {
 }
 
 impl Effect for SensorCrosstalk {
-    identity!();
-
     fn sense(&mut self, reading: &mut Reading, _moment: &Moment) {
         reading.slave_torque_nm += self.coupling * reading.motor_v;
     }

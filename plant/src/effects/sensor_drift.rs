@@ -2,7 +2,7 @@
 //!
 //! `τ → τ + d t`, `t` since the start.
 
-use super::{Effect, Moment, Reading, effect, identity};
+use super::{Effect, Moment, Reading, effect};
 
 effect! {
     "sensor_drift": "a torque cell whose zero wanders";
@@ -15,8 +15,6 @@ effect! {
 }
 
 impl Effect for SensorDrift {
-    identity!();
-
     fn sense(&mut self, reading: &mut Reading, moment: &Moment) {
         reading.slave_torque_nm += self.rate * moment.time_s;
     }

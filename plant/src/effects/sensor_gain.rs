@@ -2,7 +2,7 @@
 //!
 //! `τ → (1 + g) τ`.
 
-use super::{Effect, Moment, Reading, effect, identity};
+use super::{Effect, Moment, Reading, effect};
 
 effect! {
     "sensor_gain": "a torque cell whose scale is off";
@@ -15,8 +15,6 @@ effect! {
 }
 
 impl Effect for SensorGain {
-    identity!();
-
     fn sense(&mut self, reading: &mut Reading, _moment: &Moment) {
         reading.slave_torque_nm *= 1.0 + self.error;
     }

@@ -2,7 +2,7 @@
 //!
 //! `τ → τ + o`.
 
-use super::{Effect, Moment, Reading, effect, identity};
+use super::{Effect, Moment, Reading, effect};
 
 effect! {
     "sensor_offset": "a torque cell whose zero is off";
@@ -15,8 +15,6 @@ effect! {
 }
 
 impl Effect for SensorOffset {
-    identity!();
-
     fn sense(&mut self, reading: &mut Reading, _moment: &Moment) {
         reading.slave_torque_nm += self.offset;
     }

@@ -3,7 +3,7 @@
 //! `τ_f += s exp(-(q̇/v_s)²) sgn(q̇)`. Source: Armstrong-Hélouvry, Dupont, Canudas de Wit,
 //! Automatica 30 (1994).
 
-use super::{Effect, Moment, SideLoad, effect, identity};
+use super::{Effect, Moment, SideLoad, effect};
 use crate::friction::{FrictionLaw, StribeckCurve};
 
 effect! {
@@ -19,8 +19,6 @@ effect! {
 }
 
 impl Effect for StribeckFriction {
-    identity!();
-
     fn side(&mut self, load: &mut SideLoad, moment: &Moment) {
         let at = load.operating_point(moment);
         let mut law =

@@ -3,7 +3,7 @@
 //! Friction (at a side: dry and viscous; at the line: the fluid's loss) times `1 + a exp(-t/τ)`,
 //! `t` since the start: more when cold for positive `a`.
 
-use super::{Effect, Moment, SideLoad, effect, identity};
+use super::{Effect, Moment, SideLoad, effect};
 
 effect! {
     "thermal_drift": "friction or viscosity that drifts with time on the run";
@@ -18,8 +18,6 @@ effect! {
 }
 
 impl Effect for ThermalDrift {
-    identity!();
-
     fn side(&mut self, load: &mut SideLoad, moment: &Moment) {
         let factor = self.factor(moment);
         load.load.dry.scale(factor);

@@ -2,7 +2,7 @@
 //!
 //! `τ += a sin(n q_m + φ)`: cogging; it is there without current.
 
-use super::{Effect, Moment, effect, identity};
+use super::{Effect, Moment, effect};
 
 effect! {
     "torque_ripple": "torque that varies with the motor's angle (cogging)";
@@ -19,8 +19,6 @@ effect! {
 }
 
 impl Effect for TorqueRipple {
-    identity!();
-
     fn motor(&mut self, torque_nm: f64, moment: &Moment) -> f64 {
         torque_nm + self.amplitude * (self.order * moment.master_position_rad + self.phase).sin()
     }

@@ -17,7 +17,7 @@
 //! Source: method of characteristics; Wylie and Streeter, Fluid Transients.
 
 use super::delay_line::DelayLine;
-use super::{Demand, Effect, End, LineConstants, Link, Moment, Reading, Site, effect, identity};
+use super::{Demand, Effect, LineConstants, Link, Moment, Reading, Side, Site, effect};
 
 effect! {
     "transport_delay": "dead time";
@@ -39,8 +39,6 @@ effect! {
 }
 
 impl Effect for TransportDelay {
-    identity!();
-
     fn prepare(&mut self, constants: &dyn LineConstants) {
         let signals = match self.site {
             Site::Line => 4,
@@ -69,7 +67,7 @@ impl Effect for TransportDelay {
     }
 
     fn deflect(&mut self, link: &mut Link, moment: &Moment) {
-        if link.end == End::Master || self.delay_s <= 0.0 {
+        if link.end == Side::Master || self.delay_s <= 0.0 {
             return;
         }
         // The far end starts where the fluid is; at the middle of the step it is half a step on.
@@ -80,7 +78,7 @@ impl Effect for TransportDelay {
     }
 
     fn link(&mut self, link: &mut Link, moment: &Moment) {
-        if link.end == End::Master || self.delay_s <= 0.0 {
+        if link.end == Side::Master || self.delay_s <= 0.0 {
             return;
         }
         let (line, time, impedance) = (link.line, moment.time_s, self.impedance_n_s_per_m);

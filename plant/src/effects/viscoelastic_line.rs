@@ -3,7 +3,7 @@
 //! A Maxwell branch beside each spring: `F += κ 2K e`, `ė = ẋ - e/τ`. Fast movement sees `(1 + κ)
 //! 2K`, slow movement `2K`. Source: standard linear solid (plastic hose).
 
-use super::{Demand, Effect, LineConstants, Link, Moment, effect, identity};
+use super::{Demand, Effect, LineConstants, Link, Moment, effect};
 
 effect! {
     "viscoelastic_line": "a relaxing branch (Maxwell): stiffness that decays with time";
@@ -22,8 +22,6 @@ effect! {
 }
 
 impl Effect for ViscoelasticLine {
-    identity!();
-
     fn prepare(&mut self, _constants: &dyn LineConstants) {
         self.stretch_m = [[0.0; 2]; 2];
         self.deflection_m = [[0.0; 2]; 2];

@@ -2,7 +2,7 @@
 //!
 //! `τ_f = b q̇`.
 
-use super::{Effect, Moment, SideLoad, effect, identity};
+use super::{Effect, Moment, SideLoad, effect};
 use crate::friction::{FrictionLaw, Viscous};
 
 effect! {
@@ -16,8 +16,6 @@ effect! {
 }
 
 impl Effect for ViscousFriction {
-    identity!();
-
     fn side(&mut self, load: &mut SideLoad, moment: &Moment) {
         let at = load.operating_point(moment);
         Viscous { coefficient: self.coefficient }.contribute(&mut load.load, &at);

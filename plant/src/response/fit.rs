@@ -136,15 +136,6 @@ impl LinearSystem {
             dead_time_s: x[4] / scale,
         })
     }
-
-    /// Root of the mean square of the complex error over responses, in units of gain.
-    pub fn misfit(&self, responses: &[Response]) -> f64 {
-        let square = |point: &Response| {
-            (self.at(point.frequency_hz) - Complex::from_polar(point.gain, point.phase_rad))
-                .norm_sqr()
-        };
-        (responses.iter().map(square).sum::<f64>() / responses.len() as f64).sqrt()
-    }
 }
 
 /// Coefficients `b₀, b₁, a₀, a₁` for a given dead time, by repeated weighted linear least squares.
@@ -272,7 +263,13 @@ mod tests {
             }
             assert!((found.numerator[1] - system.numerator[1]).abs() < 1e-4, "{found:?}");
             assert!((found.dead_time_s - system.dead_time_s).abs() < 1e-8, "{found:?}");
-            assert!(found.misfit(&sampled(system, to_hz)) < 1e-8);
+            let square = |point: &Response| {
+                let measured = Complex::from_polar(point.gain, point.phase_rad);
+                (found.at(point.frequency_hz) - measured).norm_sqr()
+            };
+            let points = sampled(system, to_hz);
+            let mean = points.iter().map(square).sum::<f64>() / points.len() as f64;
+            assert!(mean.sqrt() < 1e-8);
         }
     }
 

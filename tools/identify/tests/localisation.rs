@@ -12,7 +12,7 @@ use identify::prediction_error::record::share_out;
 use identify::prediction_error::refit::fit_base;
 use identify::prediction_error::transmission_model::TransmissionModel;
 use plant::ParameterSet;
-use plant::effects::{Effect, Link, Moment, SideLoad, Site};
+use plant::effects::{Effect, Identity, Link, Moment, SideLoad, Site};
 use two_sides::{COUNT_RAD, RECORD_S, record, rig};
 
 mod two_sides;
@@ -33,7 +33,7 @@ struct Jumps {
     size: f64,
 }
 
-impl Effect for Jumps {
+impl Identity for Jumps {
     fn id(&self) -> &'static str {
         "jumps"
     }
@@ -41,7 +41,9 @@ impl Effect for Jumps {
     fn site(&self) -> Site {
         self.site
     }
+}
 
+impl Effect for Jumps {
     fn side(&mut self, load: &mut SideLoad, moment: &Moment) {
         load.load.force += self.size * jumps(moment.time_s);
     }

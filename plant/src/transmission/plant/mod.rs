@@ -13,7 +13,7 @@ use super::{
     Correction, EnergyBalance, ImposedMotion, Input, Motion, Reading, State, Transmission,
     TransmissionParameters,
 };
-use crate::effects::{Effect, Moment, Sited};
+use crate::effects::{Effect, Moment, Site, Sited};
 use crate::friction::{Advance, Load};
 use crate::{ParameterError, ParameterSet};
 
@@ -78,6 +78,16 @@ pub(crate) struct PendingStep {
     at: Midpoint,
 }
 
+/// Calls a method in its version with effects or in that without.
+macro_rules! by_effects {
+    ($self:ident.$method:ident($($argument:expr),*)) => {
+        match $self.effects.any {
+            true => $self.$method::<true>($($argument),*),
+            false => $self.$method::<false>($($argument),*),
+        }
+    };
+}
+
 impl<L: LineLaw> Plant<L> {
     /// A transmission at rest at zero.
     ///
@@ -91,7 +101,7 @@ impl<L: LineLaw> Plant<L> {
         parameters.check()?;
         let mut parameters = parameters;
         let effects = Sited::install(effects, &mut parameters)?;
-        let extra = effects.extra_inertia;
+        let extra = [Site::Master, Site::Slave].map(|site| effects.extra_inertia[site as usize]);
         let [master, slave] = TransmissionParameters::inertia_kg_m2(&parameters);
         let inertia = [master + extra[0], slave + extra[1]];
         let displacement = parameters.displacement_m_per_rad();
@@ -207,20 +217,12 @@ impl<L: LineLaw> Plant<L> {
     /// Moves the master over an internal step and returns what acts on the slave. For a handle
     /// that several transmissions share: the caller moves the slaves.
     pub(crate) fn begin(&mut self, input: Input, step_s: f64) -> PendingStep {
-        if self.effects.any {
-            self.begin_with::<true>(input, step_s)
-        } else {
-            self.begin_with::<false>(input, step_s)
-        }
+        by_effects!(self.begin_with(input, step_s))
     }
 
     /// Finishes the step of [`Plant::begin`] once it is known how the slave moved.
     pub(crate) fn complete(&mut self, pending: &PendingStep, slave: Advance) {
-        if self.effects.any {
-            self.complete_with::<true>(pending, slave);
-        } else {
-            self.complete_with::<false>(pending, slave);
-        }
+        by_effects!(self.complete_with(pending, slave));
     }
 
     /// Updates the reading after the last internal step of a control period.
@@ -266,19 +268,11 @@ const LINKS: [(usize, usize); 4] = [(0, 0), (0, 1), (1, 0), (1, 1)];
 impl<L: LineLaw> Transmission for Plant<L> {
     fn step(&mut self, input: Input, dt_s: f64) {
         // Compiled twice: without the hooks a plant is twice as fast, and most have no effects.
-        if self.effects.any {
-            self.step_with::<true>(input, dt_s);
-        } else {
-            self.step_with::<false>(input, dt_s);
-        }
+        by_effects!(self.step_with(input, dt_s));
     }
 
     fn step_imposed(&mut self, master: ImposedMotion, hand_torque_nm: f64, dt_s: f64) {
-        if self.effects.any {
-            self.step_imposed_with::<true>(master, hand_torque_nm, dt_s);
-        } else {
-            self.step_imposed_with::<false>(master, hand_torque_nm, dt_s);
-        }
+        by_effects!(self.step_imposed_with(master, hand_torque_nm, dt_s));
     }
 
     fn motion(&self) -> Motion {

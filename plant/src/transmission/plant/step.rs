@@ -1,7 +1,7 @@
 //! The internal step of a transmission.
 
 use super::{LineLaw, Midpoint, PendingStep, Plant};
-use crate::effects::{End, Link, Moment, Side, SideLoad};
+use crate::effects::{Link, Moment, Side, SideLoad};
 use crate::friction::{Advance, Load, advance, impose};
 use crate::transmission::line_law::{Coupling, Middle};
 use crate::transmission::{ImposedMotion, Input, sub_steps};
@@ -92,7 +92,7 @@ impl<L: LineLaw> Plant<L> {
         let mut coupling = Coupling::default();
         let (Midpoint { half, mean, moment }, constants) = (at, &self.constants);
         for line in 0..2 {
-            for (index, end) in [(0, End::Master), (1, End::Slave)] {
+            for (index, end) in [(0, Side::Master), (1, Side::Slave)] {
                 let displacement = constants.displacement[index];
                 let deflection = half[2 + line] - displacement * half[index];
                 let rate = mean[2 + line] - displacement * mean[index];

@@ -5,7 +5,7 @@
 //! missing, and the function shows its shape.
 
 use plant::ParameterSet;
-use plant::effects::{Effect, End, Link, Moment, SideLoad, Site};
+use plant::effects::{Effect, Identity, Link, Moment, Side, SideLoad, Site};
 
 /// What a function depends on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -134,7 +134,7 @@ impl PiecewiseLinear {
     }
 }
 
-impl Effect for PiecewiseLinear {
+impl Identity for PiecewiseLinear {
     fn id(&self) -> &'static str {
         "nonparametric"
     }
@@ -142,7 +142,9 @@ impl Effect for PiecewiseLinear {
     fn site(&self) -> Site {
         self.site
     }
+}
 
+impl Effect for PiecewiseLinear {
     fn amplifier(&mut self, volts: f64, moment: &Moment) -> f64 {
         self.turned = (self.turned + (volts - self.volts) / TURN_V).clamp(-1.0, 1.0);
         self.mean += (volts.abs() - self.mean) * (moment.step_s / MEAN_S).min(1.0);
@@ -179,8 +181,8 @@ impl Effect for PiecewiseLinear {
     fn link(&mut self, link: &mut Link, moment: &Moment) {
         if self.variable == Variable::Force {
             let here = match self.site {
-                Site::Master => link.end == End::Master,
-                Site::Slave => link.end == End::Slave,
+                Site::Master => link.end == Side::Master,
+                Site::Slave => link.end == Side::Slave,
                 _ => true,
             };
             if !here {
@@ -207,7 +209,7 @@ impl Effect for PiecewiseLinear {
 /// Sign of a link's force in compression: the first line is compressed while the slave is driven
 /// forward, the second while it is driven backward.
 fn pressed(link: &Link) -> f64 {
-    let of_end = if link.end == End::Slave { 1.0 } else { -1.0 };
+    let of_end = if link.end == Side::Slave { 1.0 } else { -1.0 };
     if link.line == 0 { of_end } else { -of_end }
 }
 
@@ -271,7 +273,7 @@ mod tests {
         assert!((table.motor(2.0, &moment(1e-3)) - 2.0).abs() < 1e-6);
     }
 
-    fn link(line: usize, end: End, force_n: f64) -> Link {
+    fn link(line: usize, end: Side, force_n: f64) -> Link {
         Link {
             end,
             line,
@@ -296,7 +298,7 @@ mod tests {
             for node in NODES / 2 + 1..NODES {
                 table.values[node] = 0.01;
             }
-            let crept = |table: &mut PiecewiseLinear, line: usize, end: End, force_n: f64| {
+            let crept = |table: &mut PiecewiseLinear, line: usize, end: Side, force_n: f64| {
                 let mut now = link(line, end, force_n);
                 table.deflect(&mut now, &moment(1e-3));
                 let before = now.deflection_m;
@@ -307,10 +309,10 @@ mod tests {
                 after.deflection_m - before
             };
             // Driving the slave forward compresses the first line.
-            assert!((crept(&mut table, 0, End::Slave, 5.0) + 1e-5).abs() < 1e-12);
-            assert_eq!(crept(&mut table, 0, End::Slave, -5.0), 0.0);
-            assert!((crept(&mut table, 1, End::Slave, -5.0) - 1e-5).abs() < 1e-12);
-            let master = crept(&mut table, 0, End::Master, -5.0);
+            assert!((crept(&mut table, 0, Side::Slave, 5.0) + 1e-5).abs() < 1e-12);
+            assert_eq!(crept(&mut table, 0, Side::Slave, -5.0), 0.0);
+            assert!((crept(&mut table, 1, Side::Slave, -5.0) - 1e-5).abs() < 1e-12);
+            let master = crept(&mut table, 0, Side::Master, -5.0);
             assert!(
                 (master - if master_gives { 1e-5 } else { 0.0 }).abs() < 1e-12,
                 "{site:?}: {master}"

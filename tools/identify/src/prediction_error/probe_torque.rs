@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use plant::ParameterSet;
-use plant::effects::{Effect, Link, Moment, SideLoad, Site};
+use plant::effects::{Effect, Identity, Link, Moment, SideLoad, Site};
 
 /// Multiplier of the linear congruential generator (Knuth's MMIX) whose highest bit is the sign.
 const MULTIPLIER: u64 = 6_364_136_223_846_793_005;
@@ -45,7 +45,7 @@ impl ProbeTorque {
     }
 }
 
-impl Effect for ProbeTorque {
+impl Identity for ProbeTorque {
     fn id(&self) -> &'static str {
         "probe_torque"
     }
@@ -53,7 +53,9 @@ impl Effect for ProbeTorque {
     fn site(&self) -> Site {
         self.site
     }
+}
 
+impl Effect for ProbeTorque {
     fn side(&mut self, load: &mut SideLoad, moment: &Moment) {
         load.load.force += self.value(moment);
     }
