@@ -106,10 +106,7 @@ fn presliding_holds_with_finer_steps_only_if_it_is_real() {
         let slave = |of: &&Candidate| (of.id, of.site) == ("presliding_hysteresis", Site::Slave);
         let of = listed.iter().find(slave).unwrap();
         let own = [base.parameters.clone(), free_parameters_of(of, 0)].concat();
-        let fits = of
-            .starts
-            .iter()
-            .filter_map(|start| fit.fit(&base.setting.with(&start.placed), &own, 3));
+        let fits = of.starts.iter().filter_map(|start| fit.fit(&base.setting.with(start), &own, 3));
         let fitted = fits.min_by(|a, b| a.objective.total_cmp(&b.objective)).unwrap();
         let [before, after] =
             [&base, &fitted].map(|fitted| select.residuals(&fitted.setting).unwrap());

@@ -304,17 +304,10 @@ impl Shape {
     pub fn by_factors(
         name: &str,
         unit: impl Into<String>,
-        (low, high): (f64, f64),
+        range: (f64, f64),
         points: usize,
     ) -> Self {
-        Self {
-            name: name.into(),
-            unit: unit.into(),
-            low,
-            high,
-            points,
-            spacing: Spacing::Logarithmic,
-        }
+        Self { spacing: Spacing::Logarithmic, ..Self::by_steps(name, unit, range, points) }
     }
     /// A shape on a linear grid.
     pub fn by_steps(

@@ -25,12 +25,12 @@ pub(super) fn rival_of(
     let listed: Vec<Candidate> = candidates(&record_features(&fit, &now));
     let candidate = listed.iter().find(|candidate| (candidate.id, candidate.site) == rival)?;
     let placed = candidate.starts.iter().flat_map(|start| {
-        let sign_flipped = start.signed.then(|| {
-            let mut sign_flipped = start.placed.clone();
+        let sign_flipped = candidate.signed.then(|| {
+            let mut sign_flipped = start.clone();
             sign_flipped.values.iter_mut().take(1).for_each(|(_, size)| *size = -*size);
             sign_flipped
         });
-        [Some(start.placed.clone()), start.quadrature.clone(), sign_flipped]
+        [Some(start.clone()), candidate.quadrature(start), sign_flipped]
     });
     // An effect that is its own rival acts on the other encoder.
     let encoder = |placed: &PlacedEffect| {

@@ -4,9 +4,8 @@ use plant::effects::Site;
 
 use super::fit::{Dataset, Fitted};
 use super::free_parameter::FreeParameter;
-use super::selection_round::FittedCandidate;
 use super::transmission_model::{Residual, Setting};
-use super::validation::{LEAST_FIRST, LEAST_GAIN, Validation, validate};
+use super::validation::{LEAST_GAIN, Validation, validate};
 
 /// Runners-up of the first round that are fitted alone.
 const RUNNERS_UP: usize = 6;
@@ -42,33 +41,6 @@ pub fn redundant_effect(
     })
 }
 
-/// A candidate that did well in its round, but did not win.
-#[derive(Clone, Debug)]
-pub struct RunnerUp {
-    setting: Setting,
-    parameters: Vec<FreeParameter>,
-}
-
-impl RunnerUp {
-    /// Whether a parameter belongs to the effect that it would add.
-    fn own(&self, parameter: &FreeParameter) -> bool {
-        parameter.is_of(self.setting.placed.len().saturating_sub(1))
-    }
-
-    /// Returns `None` if its gain was too small.
-    pub fn of(tried: &FittedCandidate) -> Option<Self> {
-        let parameters = tried
-            .fitted
-            .parameters
-            .iter()
-            .filter(|parameter| !parameter.is_base())
-            .cloned()
-            .collect();
-        (tried.validation.gain >= LEAST_FIRST)
-            .then(|| Self { setting: tried.fitted.setting.clone(), parameters })
-    }
-}
-
 /// Another model than the current one.
 pub struct Alternative {
     /// Its validation against the current model, or that of the current model against it.
@@ -85,29 +57,24 @@ pub fn substitute(
     (fit, select): (&Dataset<'_>, &Dataset<'_>),
     now: &Fitted,
     at: usize,
-    runners_up: &[RunnerUp],
+    runners_up: &[Fitted],
 ) -> Option<Alternative> {
     let with = select.residuals(&now.setting)?;
-    let one = |other: &RunnerUp| -> Option<Alternative> {
+    let one = |other: &Fitted| -> Option<Alternative> {
         let placed = other.setting.placed.last()?;
         let mut setting = now.setting.clone();
         *setting.placed.get_mut(at)? = placed.clone();
         let kept = now.parameters.iter().filter(|parameter| !parameter.is_of(at)).cloned();
-        let free: Vec<FreeParameter> = kept
-            .chain(
-                other
-                    .parameters
-                    .iter()
-                    .filter(|parameter| other.own(parameter))
-                    .map(|parameter| parameter.moved_to(at)),
-            )
-            .collect();
+        let last = other.setting.placed.len() - 1;
+        let own = other.parameters.iter().filter(|parameter| parameter.is_of(last));
+        let free: Vec<FreeParameter> =
+            kept.chain(own.map(|parameter| parameter.moved_to(at))).collect();
         let fitted = fit.fit(&setting, &free, SUBSTITUTION_ROUNDS)?;
         let selected = select.residuals(&fitted.setting)?;
         let beside = validate((placed.id, placed.site), &with, &selected);
         Some(Alternative { beside, fitted, selected })
     };
-    let there = |other: &&RunnerUp| {
+    let there = |other: &&Fitted| {
         let own = other.setting.placed.last();
         own.is_some_and(|own| {
             now.setting.placed.iter().all(|placed| (placed.id, placed.site) != (own.id, own.site))
@@ -125,14 +92,14 @@ pub fn substitute(
 pub fn single_effect_models(
     (fit, select): (&Dataset<'_>, &Dataset<'_>),
     now: &Fitted,
-    runners_up: &[RunnerUp],
+    runners_up: &[Fitted],
 ) -> Option<Vec<Alternative>> {
     let with = select.residuals(&now.setting)?;
-    let one = |other: &RunnerUp| -> Option<Alternative> {
+    let one = |other: &Fitted| -> Option<Alternative> {
         let placed = other.setting.placed.first()?;
         let mut free: Vec<FreeParameter> =
             now.parameters.iter().filter(|parameter| parameter.is_base()).cloned().collect();
-        free.extend(other.parameters.iter().cloned());
+        free.extend(other.of_effects().cloned());
         let there = Setting { placed: vec![placed.clone()], ..now.setting.clone() };
         let starts = [there, other.setting.clone()].map(|start| fit.evaluate(start));
         let first =
@@ -152,11 +119,6 @@ pub fn single_effect_models(
     let mut found: Vec<Alternative> = runners_up.iter().take(RUNNERS_UP).filter_map(one).collect();
     found.sort_by(|a, b| a.beside.gain.total_cmp(&b.beside.gain));
     Some(found)
-}
-
-/// Number of estimated parameters that belong to effects.
-fn effect_count(fitted: &Fitted) -> usize {
-    fitted.parameters.iter().filter(|parameter| !parameter.is_base()).count()
 }
 
 /// Whether two effects are equivalent on every record: delayed motor voltage and delayed sensors
@@ -184,7 +146,7 @@ pub fn rivals(
 ) -> Vec<(&'static str, Site)> {
     models
         .iter()
-        .filter(|model| effect_count(&model.fitted) <= effect_count(fitted))
+        .filter(|model| model.fitted.of_effects().count() <= fitted.of_effects().count())
         .filter(|model| {
             let beside = validate(model.beside.effect(), &model.selected, selected);
             let same = are_equivalent(meant, model.beside.effect());

@@ -28,16 +28,8 @@ const MOST_SIZES: f64 = 20.0;
 /// Starting points of an effect without an arm of its own, in default sizes.
 const DEFAULT_STARTS: [f64; 3] = [0.3, 1.0, 3.0];
 
-/// A starting point of the search.
-#[derive(Clone, Debug, PartialEq)]
-pub struct StartPoint {
-    /// The effect with all its parameters.
-    pub placed: PlacedEffect,
-    /// The same effect shifted by a quarter period, for effects with amplitude and phase.
-    pub quadrature: Option<PlacedEffect>,
-    /// Whether the size may change its sign.
-    pub signed: bool,
-}
+/// Parameter of effects with amplitude and phase.
+const PHASE: &str = "phase";
 
 /// When an effect is fitted from all of its starting points.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -64,8 +56,10 @@ pub struct Candidate {
     /// Name and bound of the amplitude of an effect with amplitude and phase; the fit varies its
     /// sine and cosine parts.
     pub phasor: Option<(&'static str, f64)>,
-    /// Starting points.
-    pub starts: Vec<StartPoint>,
+    /// Whether the size may change its sign.
+    pub signed: bool,
+    /// Starting points: the effect with all its parameters.
+    pub starts: Vec<PlacedEffect>,
 }
 
 const fn free(name: &'static str, low: f64, high: f64) -> SearchRange {
@@ -102,24 +96,11 @@ pub fn candidates(features: &RecordFeatures) -> Vec<Candidate> {
 }
 
 fn candidate(entry: &Entry, place: &Place, features: &RecordFeatures) -> Option<Candidate> {
-    let (id, site) = (entry.id, place.site);
-    let of = Search { id, site, size: place.size, features };
-    let space = of.line().or_else(|| of.friction()).or_else(|| of.load_or_drive());
-    let space = space.or_else(|| of.wave()).or_else(|| of.sensor());
-    let space = space.unwrap_or_else(|| of.by_size(&entry.parameters[0]));
-    let SearchSpace { free, starts, phasor, signed, sizes, multi_start } = space;
-    let start = |values: Values| {
-        let placed = |values: Values| PlacedEffect { id, site, values };
-        let with = |phase: f64| placed([&values[..], &[("phase", phase)]].concat());
-        match phasor {
-            None => StartPoint { placed: placed(values), quadrature: None, signed },
-            Some(_) => {
-                StartPoint { placed: with(0.0), quadrature: Some(with(FRAC_PI_2)), signed: true }
-            }
-        }
-    };
-    let starts: Vec<StartPoint> = starts.into_iter().map(start).collect();
-    (!starts.is_empty()).then_some(Candidate { id, site, free, sizes, multi_start, phasor, starts })
+    let of = Search { id: entry.id, site: place.site, size: place.size, features };
+    let found = of.line().or_else(|| of.friction()).or_else(|| of.load_or_drive());
+    let found = found.or_else(|| of.wave()).or_else(|| of.sensor());
+    let found = found.unwrap_or_else(|| of.by_size(&entry.parameters[0]));
+    (!found.starts.is_empty()).then_some(found)
 }
 
 /// Parameters of an effect by name.
@@ -142,21 +123,15 @@ fn pairs(
     others.iter().flat_map(with).collect()
 }
 
-/// Free parameters and starting points of an effect; the other fields are as in [`Candidate`] and
-/// [`StartPoint`].
-struct SearchSpace {
-    free: Vec<SearchRange>,
-    starts: Vec<Values>,
-    phasor: Option<(&'static str, f64)>,
-    signed: bool,
-    sizes: usize,
-    multi_start: Option<MultiStart>,
-}
-
-impl SearchSpace {
-    fn new(free: impl Into<Vec<SearchRange>>, starts: Vec<Values>) -> Self {
-        let (free, phasor, multi_start) = (free.into(), None, None);
-        Self { free, starts, phasor, signed: false, sizes: 1, multi_start }
+impl Candidate {
+    /// A starting point shifted by a quarter period, for effects with amplitude and phase.
+    pub fn quadrature(&self, start: &PlacedEffect) -> Option<PlacedEffect> {
+        self.phasor?;
+        let mut shifted = start.clone();
+        shifted.values.iter_mut().filter(|(name, _)| *name == PHASE).for_each(|value| {
+            value.1 = FRAC_PI_2;
+        });
+        Some(shifted)
     }
 
     fn signed(self) -> Self {
@@ -164,8 +139,9 @@ impl SearchSpace {
     }
 
     /// With the name and bound of an amplitude that has a phase.
-    fn phasor(self, amplitude: &'static str, most: f64) -> Self {
-        Self { phasor: Some((amplitude, most)), ..self }
+    fn phasor(mut self, amplitude: &'static str, most: f64) -> Self {
+        self.starts.iter_mut().for_each(|start| start.values.push((PHASE, 0.0)));
+        Self { phasor: Some((amplitude, most)), signed: true, ..self }
     }
 
     /// For effects that compete with declared friction or stiffness, which absorbs them up to its
@@ -184,6 +160,20 @@ struct Search<'a> {
 }
 
 impl Search<'_> {
+    fn space(&self, free: impl Into<Vec<SearchRange>>, starts: Vec<Values>) -> Candidate {
+        let (id, site) = (self.id, self.site);
+        Candidate {
+            id,
+            site,
+            free: free.into(),
+            sizes: 1,
+            multi_start: None,
+            phasor: None,
+            signed: false,
+            starts: starts.into_iter().map(|values| PlacedEffect { id, site, values }).collect(),
+        }
+    }
+
     fn up_to(&self, name: &'static str, factor: f64) -> SearchRange {
         free(name, 0.0, factor * self.size)
     }
@@ -193,17 +183,17 @@ impl Search<'_> {
     }
 
     /// One free parameter, started from some factors of the default size.
-    fn sizes(&self, range: SearchRange, factors: &[f64]) -> SearchSpace {
+    fn sizes(&self, range: SearchRange, factors: &[f64]) -> Candidate {
         let values: Vec<f64> = factors.iter().map(|factor| factor * self.size).collect();
-        SearchSpace::new([range], each(range.name, &values))
+        self.space([range], each(range.name, &values))
     }
 
-    fn line(&self) -> Option<SearchSpace> {
+    fn line(&self) -> Option<Candidate> {
         Some(match self.id {
-            "nonlinear_stiffness" => SearchSpace {
+            "nonlinear_stiffness" => Candidate {
                 // An odd and an even part.
                 sizes: 2,
-                ..SearchSpace::new(
+                ..self.space(
                     [free("cubic", -0.9, 10.0), free("even", -0.95, 0.95)],
                     [
                         each("cubic", &[0.3, 1.5, -0.2]),
@@ -212,7 +202,7 @@ impl Search<'_> {
                     .concat(),
                 )
             },
-            "viscoelastic_line" => SearchSpace::new(
+            "viscoelastic_line" => self.space(
                 [free("stiffness_ratio", 0.0, 10.0), by_logarithm("relaxation_s", 3e-3, 3.0)],
                 pairs(("stiffness_ratio", &[0.2, 1.0]), ("relaxation_s", &[0.01, 0.03, 0.1, 0.3])),
             ),
@@ -229,7 +219,7 @@ impl Search<'_> {
         })
     }
 
-    fn friction(&self) -> Option<SearchSpace> {
+    fn friction(&self) -> Option<Candidate> {
         let size = self.size;
         Some(match self.id {
             "coulomb_friction" => self
@@ -238,21 +228,27 @@ impl Search<'_> {
             "viscous_friction" | "quadratic_drag" => {
                 self.sizes(self.up_to("coefficient", 20.0), &[0.3, 1.0])
             }
-            "stribeck_friction" => SearchSpace::new(
-                [self.up_to("level", 6.0), by_logarithm("speed", 0.03, 10.0)],
-                pairs(("level", &[0.4, 1.0, 2.5].map(|l| l * size)), ("speed", &[0.1, 0.4, 1.5])),
-            )
-            .multi_start(MultiStart::Always),
-            "asymmetric_friction" => SearchSpace::new(
-                [self.either("difference", 6.0), free("viscous_time", 0.0, 2.0)],
-                pairs(("difference", &[0.5 * size]), ("viscous_time", &[0.0, 0.1, 0.5])),
-            )
-            .signed(),
-            "position_dependent_friction" => SearchSpace::new(
-                [waves_in_angle("order", 0.9, 12.0)],
-                pairs(("amplitude", &[0.2]), ("order", &[1.0, 2.0, 3.0, 5.0])),
-            )
-            .phasor("amplitude", 1.0),
+            "stribeck_friction" => self
+                .space(
+                    [self.up_to("level", 6.0), by_logarithm("speed", 0.03, 10.0)],
+                    pairs(
+                        ("level", &[0.4, 1.0, 2.5].map(|l| l * size)),
+                        ("speed", &[0.1, 0.4, 1.5]),
+                    ),
+                )
+                .multi_start(MultiStart::Always),
+            "asymmetric_friction" => self
+                .space(
+                    [self.either("difference", 6.0), free("viscous_time", 0.0, 2.0)],
+                    pairs(("difference", &[0.5 * size]), ("viscous_time", &[0.0, 0.1, 0.5])),
+                )
+                .signed(),
+            "position_dependent_friction" => self
+                .space(
+                    [waves_in_angle("order", 0.9, 12.0)],
+                    pairs(("amplitude", &[0.2]), ("order", &[1.0, 2.0, 3.0, 5.0])),
+                )
+                .phasor("amplitude", 1.0),
             "load_dependent_friction" => {
                 self.sizes(free("coefficient", 0.0, 0.9), &[0.3, 1.0, 2.0])
             }
@@ -260,7 +256,7 @@ impl Search<'_> {
                 let side = usize::from(self.site == Site::Slave);
                 let least = (COUNTS_OF_TRAVEL * self.features.count_rad[side]).clamp(5e-4, 0.05);
                 let travels = [0.004, 0.015, 0.06].map(|travel| f64::max(travel, 1.3 * least));
-                SearchSpace::new(
+                self.space(
                     [free("part", 0.0, 1.0), by_logarithm("travel", least, 0.3)],
                     pairs(("part", &[0.4, 0.95]), ("travel", &travels)),
                 )
@@ -269,28 +265,29 @@ impl Search<'_> {
         })
     }
 
-    fn load_or_drive(&self) -> Option<SearchSpace> {
+    fn load_or_drive(&self) -> Option<Candidate> {
         Some(match self.id {
             "extra_inertia" => self.sizes(self.up_to("inertia", 20.0), &[0.3, 1.0]),
             "hand_impedance" => {
                 let names = ["stiffness", "damper_time_s", "inertia_time_s"];
                 let starts = [[0.3, 0.02, 0.02], [1.0, 0.03, 0.05], [1.0, 0.1, 0.0]];
-                SearchSpace::new(
+                self.space(
                     [free(names[0], 0.0, 30.0), free(names[1], 0.0, 0.5), free(names[2], 0.0, 0.2)],
                     starts.map(|values| names.into_iter().zip(values).collect()).to_vec(),
                 )
             }
-            "thermal_drift" => SearchSpace::new(
-                [free("excess", -0.9, 6.0), by_logarithm("time_constant_s", 3.0, 1000.0)],
-                pairs(("excess", &[0.3]), ("time_constant_s", &[10.0, 30.0, 100.0])),
-            )
-            .signed(),
+            "thermal_drift" => self
+                .space(
+                    [free("excess", -0.9, 6.0), by_logarithm("time_constant_s", 3.0, 1000.0)],
+                    pairs(("excess", &[0.3]), ("time_constant_s", &[10.0, 30.0, 100.0])),
+                )
+                .signed(),
             "amplifier_saturation" => {
                 let volts = self.features.volts;
                 let starts = each("limit", &[0.45, 0.6, 0.75, 0.9].map(|share| share * volts));
                 // The limit falls as the effect grows.
                 let limit = free("limit", 0.2 * volts, volts);
-                SearchSpace { sizes: 0, ..SearchSpace::new([limit], starts) }
+                Candidate { sizes: 0, ..self.space([limit], starts) }
             }
             "amplifier_deadzone" => self.sizes(self.up_to("half_width", 10.0), &[0.5, 1.5, 4.0]),
             "amplifier_lag" => {
@@ -301,15 +298,15 @@ impl Search<'_> {
     }
 
     /// Effects with amplitude and phase, but friction and hum.
-    fn wave(&self) -> Option<SearchSpace> {
+    fn wave(&self) -> Option<Candidate> {
         let (features, size) = (self.features, self.size);
         Some(match self.id {
             "gravity_imbalance" => {
-                SearchSpace::new([], each("torque", &[0.5 * size])).phasor("torque", 10.0 * size)
+                self.space([], each("torque", &[0.5 * size])).phasor("torque", 10.0 * size)
             }
             "torque_ripple" => {
                 let orders = [&features.orders[..], &[4.0, 5.0, 6.0, 7.0, 8.0]].concat();
-                SearchSpace::new(
+                self.space(
                     [waves_in_angle("order", 3.5, 200.0)],
                     pairs(("amplitude", &[0.5 * size]), ("order", &orders)),
                 )
@@ -317,7 +314,7 @@ impl Search<'_> {
             }
             "periodic_disturbance" => {
                 let lines = &features.lines_hz[usize::from(self.site == Site::Slave)];
-                SearchSpace::new(
+                self.space(
                     [waves_in_time("frequency_hz", 0.3, 120.0)],
                     pairs(("amplitude", &[0.3 * size]), ("frequency_hz", lines)),
                 )
@@ -329,42 +326,43 @@ impl Search<'_> {
                     starts.iter_mut().for_each(|values| values.push(("on_master", on_master)));
                     starts
                 };
-                SearchSpace::new([], [0.0, 1.0].map(of).concat()).phasor("amplitude", 10.0 * size)
+                self.space([], [0.0, 1.0].map(of).concat()).phasor("amplitude", 10.0 * size)
             }
             _ => return None,
         })
     }
 
     /// Effects of the torque cell: only a hand reveals a factor, or a sign.
-    fn sensor(&self) -> Option<SearchSpace> {
+    fn sensor(&self) -> Option<Candidate> {
         let (features, size) = (self.features, self.size);
         let space = match self.id {
             "sensor_offset" => self.sizes(self.either("offset", 20.0), &[1.0]).signed(),
             "sensor_gain" => self.sizes(free("error", -0.8, 2.0), &[1.0]).signed(),
             "sensor_drift" => self.sizes(self.either("rate", 20.0), &[0.3]).signed(),
             "sensor_crosstalk" => self.sizes(self.either("coupling", 20.0), &[1.0]).signed(),
-            "mains_hum" => SearchSpace::new(
-                [waves_in_time("frequency_hz", 15.0, 124.0)],
-                pairs(("amplitude", &[size]), ("frequency_hz", &features.hum_hz)),
-            )
-            .phasor("amplitude", 20.0 * size),
+            "mains_hum" => self
+                .space(
+                    [waves_in_time("frequency_hz", 15.0, 124.0)],
+                    pairs(("amplitude", &[size]), ("frequency_hz", &features.hum_hz)),
+                )
+                .phasor("amplitude", 20.0 * size),
             "rectified_sensor" => {
                 let (parts, sizes): (&[f64], usize) = match features.rectified {
                     // A fully rectified reading does not scale with the rectified share.
                     true => (&[0.58, 0.66, 0.78, 0.95], 0),
                     false => (&[0.1, 0.4], 1),
                 };
-                let space = SearchSpace::new([free("part", 0.0, 1.0)], each("part", parts));
-                SearchSpace { sizes, ..space }
+                let space = self.space([free("part", 0.0, 1.0)], each("part", parts));
+                Candidate { sizes, ..space }
             }
             _ => return None,
         };
         let needs_hand = matches!(self.id, "sensor_gain" | "rectified_sensor");
         let revealed = features.torque && (features.hand || !needs_hand);
-        Some(SearchSpace { starts: if revealed { space.starts } else { Vec::new() }, ..space })
+        Some(Candidate { starts: if revealed { space.starts } else { Vec::new() }, ..space })
     }
 
-    fn by_size(&self, size: &ParameterInfo) -> SearchSpace {
+    fn by_size(&self, size: &ParameterInfo) -> Candidate {
         let most = MOST_SIZES * self.size.abs();
         let range = free(size.name, size.minimum.max(-most), size.maximum.min(most));
         let signed = range.low < 0.0 && range.high > 0.0;
@@ -373,7 +371,7 @@ impl Search<'_> {
             DEFAULT_STARTS.iter().flat_map(|factor| signs.iter().map(move |sign| sign * factor));
         let values: Vec<f64> =
             factors.map(|factor| (factor * self.size).clamp(range.low, range.high)).collect();
-        SearchSpace { signed, ..SearchSpace::new([range], each(size.name, &values)) }
+        Candidate { signed, ..self.space([range], each(size.name, &values)) }
     }
 }
 

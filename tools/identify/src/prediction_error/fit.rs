@@ -59,6 +59,11 @@ impl Fitted {
     pub fn rows(&self) -> usize {
         self.residuals.iter().flat_map(|residual| &residual.channels).map(Vec::len).sum()
     }
+
+    /// The estimated parameters that belong to effects.
+    pub fn of_effects(&self) -> impl Iterator<Item = &FreeParameter> {
+        self.parameters.iter().filter(|parameter| !parameter.is_base())
+    }
 }
 
 impl<'a> Dataset<'a> {

@@ -71,8 +71,7 @@ pub fn refit(
     of: &Candidate,
 ) -> Fitted {
     let model = fit.model;
-    let own: Vec<FreeParameter> =
-        winner.fitted.parameters.iter().filter(|parameter| !parameter.is_base()).cloned().collect();
+    let own: Vec<FreeParameter> = winner.fitted.of_effects().cloned().collect();
     let shown = |fitted: &Fitted| [estimable(fit, fitted), own.clone()].concat();
     let mut parameters = shown(&winner.fitted);
     let mut now =
@@ -94,7 +93,7 @@ pub fn refit(
             let others = [&fresh, &now.setting].into_iter().flat_map(|from| {
                 of.starts.iter().filter_map(|start| {
                     let mut setting = from.clone();
-                    setting.placed.last_mut()?.values.clone_from(&start.placed.values);
+                    setting.placed.last_mut()?.values.clone_from(&start.values);
                     Some(setting)
                 })
             });

@@ -7,7 +7,7 @@
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
-use super::candidates::{Candidate, StartPoint};
+use super::candidates::Candidate;
 use super::fit::{Dataset, Fitted};
 use super::free_parameter::{AT_BOUND, FreeParameter};
 use super::transmission_model::{PlacedEffect, Setting};
@@ -116,7 +116,7 @@ impl Projection {
         fitted: &Fitted,
         candidates: &[Candidate],
     ) -> Vec<ScoredCandidate> {
-        let starts: Vec<(usize, &StartPoint)> = candidates
+        let starts: Vec<(usize, &PlacedEffect)> = candidates
             .iter()
             .enumerate()
             .flat_map(|(index, candidate)| candidate.starts.iter().map(move |start| (index, start)))
@@ -145,22 +145,22 @@ impl Projection {
         fitted: &Fitted,
         candidate: usize,
         of: &Candidate,
-        start: &StartPoint,
+        start: &PlacedEffect,
     ) -> Option<ScoredCandidate> {
         let with = |placed: &PlacedEffect| self.change(dataset, &fitted.setting.with(placed));
-        let mut directions = vec![with(&start.placed)?];
-        if let Some(quadrature) = &start.quadrature {
-            directions.push(with(quadrature)?);
+        let mut directions = vec![with(start)?];
+        if let Some(quadrature) = of.quadrature(start) {
+            directions.push(with(&quadrature)?);
         }
-        let limits = if start.signed { (-3.0, 3.0) } else { (0.0, 2.0) };
+        let limits = if of.signed { (-3.0, 3.0) } else { (0.0, 2.0) };
         let (factors, share) = self.best(&directions, limits)?;
         Some(ScoredCandidate { candidate, placed: scaled(of, start, &factors), share })
     }
 }
 
 /// Scales the size of a starting point.
-fn scaled(candidate: &Candidate, start: &StartPoint, factors: &[f64]) -> PlacedEffect {
-    let mut placed = start.placed.clone();
+fn scaled(candidate: &Candidate, start: &PlacedEffect, factors: &[f64]) -> PlacedEffect {
+    let mut placed = start.clone();
     if let ([cosine, sine], Some((name, most))) = (factors, candidate.phasor) {
         for (own, value) in &mut placed.values {
             if *own == name {

@@ -4,8 +4,7 @@
 use plant::effects::Site;
 
 use super::backward_elimination::{
-    DISTINCT_GAIN, RunnerUp, equivalent_site, redundant_effect, rivals, single_effect_models,
-    substitute,
+    DISTINCT_GAIN, equivalent_site, redundant_effect, rivals, single_effect_models, substitute,
 };
 use super::candidates::{Candidate, candidates};
 use super::fit::{Dataset, Fitted};
@@ -18,7 +17,9 @@ use super::refit::{fit_base, refit};
 use super::selection_round::{FittedCandidate, SelectionRound, winner};
 use super::step_refinement::{holds_with_finer_steps, may_be_step_artefact};
 use super::transmission_model::TransmissionModel;
-use super::validation::{LEAST_GAIN, Validation, above_floor, at_floor, is_bistable, validate};
+use super::validation::{
+    LEAST_FIRST, LEAST_GAIN, Validation, above_floor, at_floor, is_bistable, validate,
+};
 use crate::equation_error::block_roles::Role;
 
 /// Gain over an added effect from which another candidate replaces it.
@@ -186,9 +187,9 @@ struct Search<'a> {
     /// The current model.
     now: Fitted,
     /// Runners-up of the first round.
-    runners_up: Vec<RunnerUp>,
+    runners_up: Vec<Fitted>,
     /// Runners-up of the latest round.
-    latest: Vec<RunnerUp>,
+    latest: Vec<Fitted>,
     found: SearchResult,
 }
 
@@ -242,10 +243,10 @@ impl Search<'_> {
             fitted: winner.fitted.clone(),
         });
         let is_rival = |other: &&FittedCandidate| {
-            other.candidate != winner.candidate
-                && other.validation.gain >= RIVAL_GAIN_SHARE * winner.validation.gain
+            let least = LEAST_FIRST.max(RIVAL_GAIN_SHARE * winner.validation.gain);
+            other.candidate != winner.candidate && other.validation.gain >= least
         };
-        self.latest = tried.iter().filter(is_rival).filter_map(RunnerUp::of).collect();
+        self.latest = tried.iter().filter(is_rival).map(|other| other.fitted.clone()).collect();
         if self.found.rounds.len() == 1 {
             self.runners_up.clone_from(&self.latest);
         }

@@ -190,7 +190,7 @@ impl SelectionRound<'_> {
         let localisation = localise((self.fit, self.select), &self.now.setting)
             .filter(|localisation| localisation.site() != Site::Line);
         let started = |from: &Setting, of: &Candidate| -> Vec<Setting> {
-            of.starts.iter().map(|start| from.with(&start.placed)).collect()
+            of.starts.iter().map(|start| from.with(start)).collect()
         };
         let declared = declared(self.fit.model, &self.now.setting);
         for (candidate, of) in self.candidates.iter().enumerate() {
@@ -232,7 +232,7 @@ impl SelectionRound<'_> {
         for start in &self.candidates[candidate].starts {
             let mut with = setting.clone();
             if let Some(placed) = with.placed.last_mut() {
-                *placed = start.placed.clone();
+                *placed = start.clone();
             }
             better_of(tried, self.fitted(candidate, &with, MULTI_START_ROUNDS));
         }

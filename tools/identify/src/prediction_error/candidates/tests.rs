@@ -23,9 +23,9 @@ fn every_listed_effect_is_searched_at_each_of_its_sites() {
             panic!("identify does not search {} at {}", entry.id, place.site);
         });
         for start in &own.starts {
-            assert!(start.placed.effect().is_some(), "{start:?} is no valid effect");
+            assert!(start.effect().is_some(), "{start:?} is no valid effect");
         }
-        let names = |name: &str| own.starts[0].placed.effect().unwrap().get(name).is_some();
+        let names = |name: &str| own.starts[0].effect().unwrap().get(name).is_some();
         assert!(own.free.iter().all(|free| names(free.name)), "{own:?}");
     }
 }
@@ -36,7 +36,7 @@ fn by_size(size: f64, minimum: f64, maximum: f64) -> (SearchRange, Vec<(f64, boo
     let info = ParameterInfo { name: "size", unit, minimum, maximum, printed: size, source };
     let search = Search { id: "example", site: Site::Slave, size, features: &features() };
     let space = search.by_size(&info);
-    let starts = space.starts.iter().map(|values| (values[0].1, space.signed));
+    let starts = space.starts.iter().map(|start| (start.values[0].1, space.signed));
     (space.free[0], starts.collect())
 }
 
