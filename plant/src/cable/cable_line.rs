@@ -20,7 +20,6 @@ pub struct CableLine {
     offset_m: [[f64; 2]; 2],
     /// Pretension of all parallel cables, N.
     pretension_n: f64,
-    supports: Supports,
     /// Supports of a line between its ends.
     inner_supports: f64,
 }
@@ -29,6 +28,24 @@ impl CableLine {
     /// Viscous coefficient of a line's cables at one support, N·s/m.
     fn support_viscous(&self) -> f64 {
         self.parameters.cables * self.parameters.support_viscous_n_s_per_m
+    }
+
+    /// Dry friction at supports of a breakaway level, N, on cable at a displacement, m, that moves
+    /// at a speed, m/s.
+    fn dry_friction(&self, level_n: f64, displacement_m: f64, speed_m_s: f64) -> DryFriction {
+        let own = &self.parameters;
+        let along = (own.friction_position_order_rad_per_m * displacement_m).cos();
+        let level = level_n * (1.0 + own.friction_position_amplitude * along);
+        let falling = (-speed_m_s.abs() / own.stribeck_speed_m_s).exp();
+        let kinetic = own.kinetic_friction_ratio;
+        let moving = level * (kinetic + (1.0 - kinetic) * falling);
+        let (forward, backward) = (1.0 + own.friction_asymmetry, 1.0 - own.friction_asymmetry);
+        DryFriction {
+            forward: forward * moving,
+            backward: backward * moving,
+            forward_at_rest: forward * level,
+            backward_at_rest: backward * level,
+        }
     }
 }
 
@@ -48,7 +65,6 @@ impl LineLaw for CableLine {
             rest_m,
             offset_m: [[0.0; 2]; 2],
             pretension_n: parameters.cables * parameters.pretension_n,
-            supports: Supports::new(parameters),
             inner_supports: parameters.supports() - 2.0,
             parameters: parameters.clone(),
         }
@@ -120,7 +136,7 @@ impl LineLaw for CableLine {
         let radius = self.radii_m[index];
         let tensions = [coupling.reported_n[0][index], coupling.reported_n[1][index]];
         let level: f64 = tensions.map(|tension| own.support_friction_n(tension)).iter().sum();
-        let mut dry = self.supports.friction(level, radius * position_rad, radius * velocity_rad_s);
+        let mut dry = self.dry_friction(level, radius * position_rad, radius * velocity_rad_s);
         dry.scale(radius);
         let (constant, viscous) = match side {
             Side::Master => (own.motor_coulomb_nm, own.motor_viscous_nm_s),
@@ -141,7 +157,7 @@ impl LineLaw for CableLine {
         let [at_master, at_slave] = coupling.reported_n[line];
         let tension = 0.5 * (at_master + at_slave);
         let level = self.inner_supports * self.parameters.support_friction_n(tension);
-        let mut dry = self.supports.friction(level, middle.half_position_m, speed);
+        let mut dry = self.dry_friction(level, middle.half_position_m, speed);
         let viscous = self.inner_supports * self.support_viscous();
         // An effect knows one coefficient of loss, viscous and dry together.
         let moving = if speed >= 0.0 { dry.forward } else { dry.backward };
@@ -163,42 +179,5 @@ impl LineLaw for CableLine {
         // What the effects took is not dissipated.
         let taken = resistance * moved.displacement / middle.step_s * moved.displacement;
         Advance { dissipated: moved.dissipated - taken, ..moved }
-    }
-}
-
-/// Dry friction at the supports.
-#[derive(Clone, Debug)]
-struct Supports {
-    kinetic_ratio: f64,
-    stribeck_speed_m_s: f64,
-    asymmetry: f64,
-    amplitude: f64,
-    order_rad_per_m: f64,
-}
-
-impl Supports {
-    fn new(parameters: &Parameters) -> Self {
-        Self {
-            kinetic_ratio: parameters.kinetic_friction_ratio,
-            stribeck_speed_m_s: parameters.stribeck_speed_m_s,
-            asymmetry: parameters.friction_asymmetry,
-            amplitude: parameters.friction_position_amplitude,
-            order_rad_per_m: parameters.friction_position_order_rad_per_m,
-        }
-    }
-
-    /// Friction of a breakaway level, N, on cable at a displacement, m, that moves at a speed, m/s.
-    fn friction(&self, level_n: f64, displacement_m: f64, speed_m_s: f64) -> DryFriction {
-        let level =
-            level_n * (1.0 + self.amplitude * (self.order_rad_per_m * displacement_m).cos());
-        let falling = (-speed_m_s.abs() / self.stribeck_speed_m_s).exp();
-        let moving = level * (self.kinetic_ratio + (1.0 - self.kinetic_ratio) * falling);
-        let (forward, backward) = (1.0 + self.asymmetry, 1.0 - self.asymmetry);
-        DryFriction {
-            forward: forward * moving,
-            backward: backward * moving,
-            forward_at_rest: forward * level,
-            backward_at_rest: backward * level,
-        }
     }
 }

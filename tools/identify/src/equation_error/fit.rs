@@ -98,7 +98,7 @@ impl RegressionModel {
                     self,
                     structure,
                     blocks,
-                    settled,
+                    &before,
                     (&settled_columns, &signs, points),
                 )?;
             }
@@ -108,12 +108,9 @@ impl RegressionModel {
                     .iter()
                     .enumerate()
                     .map(|(record, done)| {
-                        let mut columns = done.clone();
-                        for (effect, place) in structure.effects.iter().zip(&places).skip(settled) {
-                            let view = (record, signs[record].as_slice(), &all[place.clone()]);
-                            columns.extend(self.effect_columns(structure, *effect, view));
-                        }
-                        columns
+                        let new =
+                            self.columns_from(settled, structure, (record, &signs[record]), &all);
+                        [done.as_slice(), &new].concat()
                     })
                     .collect();
                 let Some(fit) = solve(&self.gram(&columns, blocks), bounds) else { continue };

@@ -24,15 +24,11 @@ pub(super) fn grid_prescreen(
     regression: &RegressionModel,
     structure: &Structure<'_>,
     blocks: &[Block],
-    settled: usize,
+    before: &Structure<'_>,
     (columns, signs, points): (&[Columns], &[Vec<f64>], Vec<Vec<f64>>),
 ) -> Option<Vec<Vec<f64>>> {
-    let [effect] = structure.effects[settled..] else { return Some(points) };
-    let before = Structure {
-        effects: structure.effects[..settled].to_vec(),
-        model: structure.model.clone(),
-    };
-    let fit = solve(&regression.gram(columns, blocks), &regression.bounds(&before))?;
+    let [effect] = structure.effects[before.effects.len()..] else { return Some(points) };
+    let fit = solve(&regression.gram(columns, blocks), &regression.bounds(before))?;
     let left: Vec<Vec<f64>> = blocks
         .iter()
         .map(|b| {
@@ -69,11 +65,10 @@ pub(super) fn grid_prescreen(
             })
             .collect();
         for (block, left) in blocks.iter().zip(&left) {
-            let pick = |c: &Vec<f64>| {
-                c[block.rows.clone()].iter().step_by(every).copied().collect::<Vec<f64>>()
-            };
-            let own: Vec<Vec<f64>> = columns[block.record].iter().map(pick).collect();
-            let target = pick_every(left, every);
+            let pick = |c: &[f64]| c.iter().step_by(every).copied().collect::<Vec<f64>>();
+            let columns = columns[block.record].iter();
+            let own: Vec<Vec<f64>> = columns.map(|c| pick(&c[block.rows.clone()])).collect();
+            let target = pick(left);
             gram.add(&own, &target, 0..target.len());
         }
         solve(&gram, &bounds).map_or(0.0, |fit| gram.yy - fit.squares)
@@ -88,10 +83,6 @@ pub(super) fn grid_prescreen(
         }
     }
     Some(kept.into_iter().map(|i| points[i].clone()).collect())
-}
-
-fn pick_every(values: &[f64], every: usize) -> Vec<f64> {
-    values.iter().step_by(every).copied().collect()
 }
 
 /// The strongest lines in the residual's spectrum, over all records, within the range of the one

@@ -198,17 +198,23 @@ impl RegressionModel {
         }
     }
 
-    /// Rows of an effect's columns in one record.
-    pub(super) fn effect_columns(
+    /// The columns of a record for the effects of a structure from index `first` on, at the rows of
+    /// the balance.
+    pub(super) fn columns_from(
         &self,
+        first: usize,
         structure: &Structure<'_>,
-        effect: &dyn Regressor,
-        (record, sign, shapes): (usize, &[f64], &[f64]),
+        (record, sign): (usize, &[f64]),
+        shapes: &[f64],
     ) -> Vec<Vec<f64>> {
         let signals = &self.balances[record].signals;
         let model = structure.model.get(record).map_or(&[][..], Vec::as_slice);
         let view = View { signals, sign, model, axis: &self.axis };
-        self.full_columns(effect, &view, shapes).iter().map(|c| signals.rows(c)).collect()
+        let effects = structure.effects.iter().zip(self.places(structure)).skip(first);
+        effects
+            .flat_map(|(effect, place)| self.full_columns(*effect, &view, &shapes[place]))
+            .map(|column| signals.rows(&column))
+            .collect()
     }
 
     /// The range of each effect's shapes in the list of all, of which the smoothing speed is the
@@ -225,17 +231,10 @@ impl RegressionModel {
 
     /// All columns of all records.
     pub fn columns(&self, structure: &Structure<'_>, shapes: &[f64]) -> Vec<Vec<Vec<f64>>> {
-        let places = self.places(structure);
         let of = |(record, balance): (usize, &ForceBalance)| {
             let sign = self.sign(structure, shapes[0], balance);
             let mut columns = self.declared_columns(&sign, balance);
-            for (effect, place) in structure.effects.iter().zip(&places) {
-                columns.extend(self.effect_columns(
-                    structure,
-                    *effect,
-                    (record, &sign, &shapes[place.clone()]),
-                ));
-            }
+            columns.extend(self.columns_from(0, structure, (record, &sign), shapes));
             columns
         };
         self.balances.iter().enumerate().map(of).collect()

@@ -182,11 +182,7 @@ pub fn errors(
     records: &[usize],
     setting: &Setting,
 ) -> Option<Vec<(Channel, f64, Option<f64>)>> {
-    Some(errors_of(model, records, &all_residuals(model, setting)?))
-}
-
-fn all_residuals(model: &TransmissionModel, setting: &Setting) -> Option<Vec<Residual>> {
-    Dataset::whole(model).residuals(setting)
+    Some(errors_of(model, records, &Dataset::whole(model).residuals(setting)?))
 }
 
 /// As [`errors`], from the residuals of all records.
@@ -292,7 +288,7 @@ pub fn above_floor(
     if repeated.is_empty() {
         return None;
     }
-    let residuals = all_residuals(model, setting)?;
+    let residuals = Dataset::whole(model).residuals(setting)?;
     let floors = errors_of(model, records, &residuals);
     let typical = |records: &[usize]| -> Vec<(Channel, f64)> {
         let of = |channel: Channel| {
