@@ -77,7 +77,7 @@ fn run_loop(
             while let Some(command) = commands.take()? {
                 gate.observe_command(&command);
             }
-            let mut output = gate.step(now_ns(), None, None);
+            let mut output = gate.step(now_ns());
             if daq.write(output.volts).is_err() {
                 output = gate.write_failed();
                 daq.write(output.volts)?;

@@ -458,7 +458,7 @@ impl Player {
 /// Whether the position at the segment's end is unknown: the hand moves freely, or the range is
 /// searched.
 fn is_given_away(program: &Program, segment: usize) -> bool {
-    program.steps.get(segment).is_some_and(|step| step.track.movement().end_is_unknown())
+    program.steps.get(segment).is_some_and(|step| step.track.movement.end_is_unknown())
 }
 
 fn seconds(from_ns: u64, to_ns: u64) -> f64 {

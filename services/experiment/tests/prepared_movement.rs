@@ -230,10 +230,10 @@ fn modes_follow_the_movement() {
         duration_s: 2.0,
         resting: Mode::Hold,
     }));
-    assert_eq!(hold.mode(0.5), Mode::Position);
-    assert_eq!(hold.mode(1.5), Mode::Hold);
+    assert_eq!(hold.movement.mode(0.5), Mode::Position);
+    assert_eq!(hold.movement.mode(1.5), Mode::Hold);
     assert_eq!(
-        PreparedMovement::new(Movement::Rest(Rest { duration_s: 1.0 })).mode(0.5),
+        PreparedMovement::new(Movement::Rest(Rest { duration_s: 1.0 })).movement.mode(0.5),
         Mode::Passive
     );
     assert_eq!(
@@ -243,6 +243,7 @@ fn modes_follow_the_movement() {
             duration_s: 1.0,
             resting: Mode::Hold,
         }))
+        .movement
         .mode(0.0),
         Mode::Hold
     );

@@ -17,8 +17,7 @@
 //! 3. call [`Gate::step`] and write its volts; if the card refuses them, call
 //!    [`Gate::write_failed`] and write its 0 V.
 //!
-//! A caller that keeps only the newest messages passes these to `step`; passing a message again is
-//! harmless.
+//! Passing a message again is harmless.
 
 use ipc_types::{AXES, EnableToken, GateCause, GateState, Message, MotorCommand, Profile};
 
@@ -245,18 +244,7 @@ impl Gate {
     }
 
     /// One cycle: what to write now. `now_ns` is CLOCK_MONOTONIC, read after the last receive.
-    pub fn step(
-        &mut self,
-        now_ns: u64,
-        newest_token: Option<&EnableToken>,
-        newest_command: Option<&MotorCommand>,
-    ) -> GateOutput {
-        if let Some(token) = newest_token {
-            self.observe_token(token);
-        }
-        if let Some(command) = newest_command {
-            self.observe_command(command);
-        }
+    pub fn step(&mut self, now_ns: u64) -> GateOutput {
         // Also true when time went backwards: then nothing is known about the gap.
         let late = self.last_step_ns.is_some_and(|last| {
             now_ns.checked_sub(last).is_none_or(|gap| gap > self.config.max_cycle_gap_ns)

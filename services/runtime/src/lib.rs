@@ -58,6 +58,6 @@ pub use identity::{Identity, random_u64};
 pub use ports::{Counters, PortError, Publisher, RawSubscriber, Subscriber, open_raw};
 pub use realtime::{Grants, Timeouts};
 pub use request::{RequestError, Server, call};
-pub use service::{NotifyState, Service, ServiceError, notify, stop_flag};
+pub use service::{NotifyState, Service, ServiceError, notify, stop_flag, stop_on};
 pub use timing::Losses;
 pub use worker::Worker;

@@ -259,9 +259,18 @@ impl Service {
 /// # Errors
 /// [`ServiceError::Signal`].
 pub fn stop_flag() -> Result<Arc<AtomicBool>, ServiceError> {
+    use signal_hook::consts::{SIGINT, SIGTERM};
+    stop_on(&[SIGTERM, SIGINT]).map_err(ServiceError::Signal)
+}
+
+/// A flag that each of these signals raises.
+///
+/// # Errors
+/// A handler cannot be installed.
+pub fn stop_on(signals: &[i32]) -> io::Result<Arc<AtomicBool>> {
     let stop = Arc::new(AtomicBool::new(false));
-    for signal in [signal_hook::consts::SIGTERM, signal_hook::consts::SIGINT] {
-        signal_hook::flag::register(signal, Arc::clone(&stop)).map_err(ServiceError::Signal)?;
+    for &signal in signals {
+        signal_hook::flag::register(signal, Arc::clone(&stop))?;
     }
     Ok(stop)
 }

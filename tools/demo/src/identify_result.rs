@@ -39,18 +39,8 @@ impl IdentifyResult {
 
     /// Returns the result for `summary.json`, or `None` (`null`).
     pub fn value(&self) -> Option<serde_json::Value> {
-        match self {
-            Self::Completed { outcome, .. } => serde_json::to_value(outcome).ok(),
-            Self::Failed(_) | Self::Skipped => None,
-        }
-    }
-
-    /// Returns the reason of a failure for `summary.json`.
-    pub fn refused(&self) -> Option<String> {
-        match self {
-            Self::Failed(reason) => Some(reason.clone()),
-            Self::Completed { .. } | Self::Skipped => None,
-        }
+        let Self::Completed { outcome, .. } = self else { return None };
+        serde_json::to_value(outcome).ok()
     }
 
     /// Returns one line for the terminal.

@@ -95,7 +95,7 @@ pub fn run(args: Args) -> anyhow::Result<i32> {
     let protocol = protocol(args.seconds)?;
     protocol.check_against(&rig)?;
     let folder = Folder::prepare(&args.out)?;
-    let stop = stop_on_signals()?;
+    let stop = runtime::stop_on(&SIGNALS)?;
     let terminal = Terminal::new();
     if let Some(effect) = effect {
         terminal.print(&format!(
@@ -158,15 +158,6 @@ pub fn run(args: Args) -> anyhow::Result<i32> {
     }
     terminal.print(&format!("{:.0} s in all", begun.elapsed().as_secs_f64()));
     Ok(outcome.exit_code())
-}
-
-/// The flag that every signal of [`SIGNALS`] sets.
-fn stop_on_signals() -> anyhow::Result<Arc<AtomicBool>> {
-    let stop = Arc::new(AtomicBool::new(false));
-    for signal in SIGNALS {
-        signal_hook::flag::register(signal, Arc::clone(&stop))?;
-    }
-    Ok(stop)
 }
 
 /// Lets a signal end the process at once: the rig is down, nothing is left to clean up.

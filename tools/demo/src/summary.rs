@@ -85,11 +85,11 @@ impl Summary {
     /// With what identify says of the recording.
     #[must_use]
     pub fn with_identify(self, identify_result: &IdentifyResult) -> Self {
-        Self {
-            identify: identify_result.value(),
-            identify_refused: identify_result.refused(),
-            ..self
-        }
+        let identify_refused = match identify_result {
+            IdentifyResult::Failed(reason) => Some(reason.clone()),
+            _ => None,
+        };
+        Self { identify: identify_result.value(), identify_refused, ..self }
     }
 }
 

@@ -7,7 +7,7 @@ use std::time::Duration;
 use anyhow::{Context, anyhow};
 use ipc_types::{TOPICS, Topic};
 use runtime::clock::{MILLISECOND_NS, SECOND_NS, now_ns, sleep_until};
-use runtime::{Domain, RawSubscriber, RigName, open_raw, realtime};
+use runtime::{Domain, RawSubscriber, RigName, open_raw, realtime, stop_on};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 
 /// A keeper that is absent for longer was not merely restarted (ns).
@@ -64,11 +64,8 @@ impl Attached {
         topics: &[&'static Topic],
         period_ns: u64,
     ) -> anyhow::Result<Self> {
-        let stop = Arc::new(AtomicBool::new(false));
         // SIGHUP: the terminal was closed.
-        for signal in [SIGINT, SIGTERM, SIGHUP] {
-            signal_hook::flag::register(signal, Arc::clone(&stop))?;
-        }
+        let stop = stop_on(&[SIGINT, SIGTERM, SIGHUP])?;
         let domain = Domain::observe(rig)?;
         let node = domain.node("probe")?;
         let mut feeds = Vec::with_capacity(topics.len());

@@ -31,7 +31,7 @@ impl Player {
         measured: &[f64; AXES],
     ) -> Option<Result<(), Option<Change>>> {
         let step = program.steps.get(segment)?;
-        let (Movement::Initialise(how), axis) = (step.track.movement(), step.axis) else {
+        let (Movement::Initialise(how), axis) = (&step.track.movement, step.axis) else {
             return None;
         };
         let limits = program.limits[axis];
@@ -79,7 +79,7 @@ impl Player {
         now_ns: u64,
     ) {
         let Some(Movement::Rhythm(rhythm)) =
-            program.steps.get(segment).map(|step| step.track.movement())
+            program.steps.get(segment).map(|step| &step.track.movement)
         else {
             return;
         };

@@ -149,7 +149,7 @@ impl Program {
             .flat_map(Step::tracks)
             .filter(|(moving, _)| *moving == axis);
         tracks
-            .filter_map(|(_, track)| track.movement().range())
+            .filter_map(|(_, track)| track.movement.range())
             .all(|(least, most)| least >= lower && most <= upper)
     }
 

@@ -27,7 +27,7 @@ impl Player {
             for (axis, track) in step.tracks() {
                 points[axis] = track.at(self.rest[axis], t);
             }
-            match (step.track.movement(), &self.finder, &self.ilc) {
+            match (&step.track.movement, &self.finder, &self.ilc) {
                 (Movement::Initialise(_), Some((_, finder)), _) => {
                     points[step.axis] = finder.point()
                 }
@@ -59,8 +59,10 @@ impl Player {
                     .get(segment)
                     .map_or(0.0, |step| step.begins_s + t.min(step.track.duration_s()))
                     - self.early_s;
-                let mode =
-                    program.steps.get(segment).map_or(Mode::Passive, |step| step.track.mode(t));
+                let mode = program
+                    .steps
+                    .get(segment)
+                    .map_or(Mode::Passive, |step| step.track.movement.mode(t));
                 if is_given_away(program, segment) && mode != Mode::Initialise {
                     self.find_axes(program, measured);
                 }
@@ -98,13 +100,13 @@ impl Player {
             && let Some(step) = program.steps.get(segment)
         {
             for (axis, track) in step.tracks() {
-                if let Some(field) = track.field() {
+                if let Some(field) = track.movement.field() {
                     put(&mut setpoint, axis, field);
                 }
             }
         }
         if let Some(step) = program.steps.get(segment).filter(|_| mode == Mode::Initialise)
-            && let Some(limit_v) = step.track.movement().output_limit_v()
+            && let Some(limit_v) = step.track.movement.output_limit_v()
         {
             setpoint.output_limit_v[step.axis] = limit_v;
         }

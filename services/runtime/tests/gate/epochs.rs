@@ -60,9 +60,12 @@ fn sr_08_a_waiting_epoch_survives_an_absent_or_stale_command() {
     let mut rig = Rig::new();
     let old = MotorCommand { computed_ns: START - 50 * MS, sequence: 0, ..rig.command };
     rig.renew();
-    assert_eq!(rig.gate.step(rig.now, Some(&rig.token), None).hindrance, GateCause::CommandStale);
+    rig.gate.observe_token(&rig.token);
+    assert_eq!(rig.gate.step(rig.now).hindrance, GateCause::CommandStale);
     rig.renew();
-    let output = rig.gate.step(rig.now, Some(&rig.token), Some(&old));
+    rig.gate.observe_token(&rig.token);
+    rig.gate.observe_command(&old);
+    let output = rig.gate.step(rig.now);
     assert_eq!((output.state, output.hindrance), (GateState::Closed, GateCause::CommandStale));
     rig.renew();
     let sample_time = rig.command.sample_time_ns;
@@ -112,7 +115,7 @@ fn sr_09_time_going_backwards_latches() {
 #[test]
 fn sr_09_a_late_gate_does_not_open_in_that_cycle() {
     let mut rig = Rig::new();
-    rig.gate.step(rig.now, None, None);
+    rig.gate.step(rig.now);
     for _ in 0..11 {
         rig.renew();
     }

@@ -65,7 +65,9 @@ impl Rig {
     }
 
     fn step(&mut self) -> GateOutput {
-        self.gate.step(self.now, Some(&self.token), Some(&self.command))
+        self.gate.observe_token(&self.token);
+        self.gate.observe_command(&self.command);
+        self.gate.step(self.now)
     }
 
     fn opened() -> Self {
@@ -108,7 +110,8 @@ impl Rig {
 fn sr_01_passes_fresh_commands_and_nothing_before_the_first_token() {
     let mut rig = Rig::new();
     rig.renew();
-    let output = rig.gate.step(rig.now, None, Some(&rig.command));
+    rig.gate.observe_command(&rig.command);
+    let output = rig.gate.step(rig.now);
     assert_eq!((output.state, output.volts), (GateState::Closed, [0.0; AXES]));
     for _ in 0..100 {
         rig.renew();
@@ -352,7 +355,8 @@ fn sr_04_an_epoch_that_two_watchdogs_speak_in_never_opens() {
 fn sr_04_two_controls_that_speak_while_an_epoch_waits_end_it() {
     let mut rig = Rig::new();
     rig.renew();
-    rig.gate.step(rig.now, Some(&rig.token), None);
+    rig.gate.observe_token(&rig.token);
+    rig.gate.step(rig.now);
     rig.renew();
     rig.gate.observe_command(&MotorCommand { incarnation: 42, ..rig.command });
     rig.latches_closed(GateCause::CommandSender);

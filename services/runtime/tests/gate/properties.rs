@@ -224,7 +224,7 @@ proptest! {
                 Act::Step(by) => {
                     let backwards = by < 0;
                     now = now.wrapping_add(by as u64);
-                    let output = gate.step(now, None, None);
+                    let output = gate.step(now);
                     for (volts, limit) in output.volts.iter().zip([5.0, 3.0, 0.0]) {
                         let allowed = volts.is_finite() && volts.abs() <= limit;
                         prop_assert!(allowed, "{:?} V", output.volts);
@@ -298,7 +298,9 @@ proptest! {
                 (token.acquisition_incarnation, token.enabled) = (ACQUISITION, 1);
                 token.control_incarnation = command.incarnation;
             }
-            let output = gate.step(now, Some(&token), Some(&command));
+            gate.observe_token(&token);
+            gate.observe_command(&command);
+            let output = gate.step(now);
             for (volts, limit) in output.volts.iter().zip([5.0, 3.0, 0.0]) {
                 prop_assert!(volts.is_finite() && volts.abs() <= limit);
             }

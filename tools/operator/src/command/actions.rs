@@ -2,13 +2,12 @@
 
 use std::io::Write;
 use std::path::Path;
-use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
 
 use indicatif::{ProgressBar, ProgressStyle};
 use ipc_types::{ExperimentAnswer, LoggerAnswer, LoggerRequest, Verb};
 use runtime::{DomainError, RigName};
 use serde_json::json;
+use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 
 use super::{RunArguments, print, print_json};
 use crate::run::causes;
@@ -45,12 +44,7 @@ pub(super) fn run(arguments: &RunArguments, rig_name: &RigName) -> anyhow::Resul
     let options = &arguments.options;
     // A wrong file is told without a rig.
     rig::load_protocol(&options.protocol, &options.overrides)?;
-    let stop = Arc::new(AtomicBool::new(false));
-    for signal in
-        [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM, signal_hook::consts::SIGHUP]
-    {
-        signal_hook::flag::register(signal, Arc::clone(&stop))?;
-    }
+    let stop = runtime::stop_on(&[SIGINT, SIGTERM, SIGHUP])?;
     let link = link(rig_name)?;
     let unrecorded =
         link.logger(&LoggerRequest::Status).is_ok_and(|logger| logger.recording.is_none());

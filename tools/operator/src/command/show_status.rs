@@ -1,11 +1,11 @@
 //! Prints `status`, once or repeatedly.
 
 use std::io::{IsTerminal, Write};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant, SystemTime};
 
 use runtime::RigName;
+use signal_hook::consts::{SIGINT, SIGTERM};
 
 use crate::status::{RigStatus, Watcher, table};
 use crate::{DONE, FAILED};
@@ -21,10 +21,7 @@ pub(super) fn status(rig_name: &RigName, watch: bool, as_json: bool) -> anyhow::
         write!(out, "{}", shown(&status, as_json, false)?)?;
         return Ok(if status.up { DONE } else { FAILED });
     }
-    let stop = Arc::new(AtomicBool::new(false));
-    for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
-        signal_hook::flag::register(signal, Arc::clone(&stop))?;
-    }
+    let stop = runtime::stop_on(&[SIGINT, SIGTERM])?;
     let redraw = out.is_terminal() && !as_json;
     loop {
         let begun = Instant::now();

@@ -1,11 +1,12 @@
-//! Writes a page with every kind of figure, to be looked at after a change of style:
-//! `cargo run -p report --example specimen -- specimen.html`
+//! A page with every kind of figure, to be looked at after a change of style:
+//! `SPECIMEN=/tmp/specimen.html cargo test -p report --test specimen`
+#![allow(clippy::unwrap_used)]
 
 use report::Colour::{Black, Blue, Green, Grey, Vermillion};
 use report::{Figure, Page, Table, Tone};
 
-fn main() -> anyhow::Result<()> {
-    let path = std::env::args().nth(1).unwrap_or_else(|| "specimen.html".to_owned());
+#[test]
+fn every_kind_of_figure_and_table_is_drawn() {
     let time: Vec<f64> = (0..25_000).map(|i| f64::from(i) * 1e-3).collect();
     let noise = |i: usize| ((i * 7919 % 1013) as f64 / 1013.0 - 0.5) * 8.0;
     let model: Vec<f64> = time.iter().map(|t| 80.0 * (1.3 * t).sin() * (0.11 * t).cos()).collect();
@@ -41,7 +42,7 @@ fn main() -> anyhow::Result<()> {
             &[0.1, 0.1, 0.15, 0.8],
         )
         .vertical(Grey, "resonance", 8.0);
-    Page::new("Specimen of the style")
+    let page = Page::new("Specimen of the style")
         .subtitle("Every kind of figure and table, with made-up numbers.")
         .verdict(
             Tone::Good,
@@ -61,5 +62,11 @@ fn main() -> anyhow::Result<()> {
             "Table 1. Parameters.",
         )
         .footer("farreach report specimen")
-        .write(path)
+        .render()
+        .unwrap();
+    assert_eq!(page.matches("<svg").count(), 3);
+    assert_eq!(page.matches("<table").count(), 1);
+    if let Some(path) = std::env::var_os("SPECIMEN") {
+        std::fs::write(path, page).unwrap();
+    }
 }
