@@ -134,7 +134,7 @@ impl Rig {
         for command in self.commands.drain(..) {
             self.gate.observe_command(&command);
         }
-        let output = self.gate.step(now, None, None);
+        let output = self.gate.step(now);
         self.output = Some(output.volts);
         for scan in std::mem::take(&mut self.scans) {
             let sample = Sample {
