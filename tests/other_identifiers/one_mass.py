@@ -162,6 +162,9 @@ NARX = ((0, (2, 2), 3), (1, (2, 2), 3), (0, (3, 3), 3), (1, (3, 3), 3), (1, (8, 
 class Silverbox:
     """The record and its rows by role."""
 
+    # The simulation's steps per sample of the input, and the cut-off frequencies tried.
+    finer, cut_offs_hz = FINER, CUT_OFFS_HZ
+
     def __init__(self, path, identified):
         table = data.columns(path)
         self.input, self.output = table["input"], table["output"]
@@ -169,11 +172,29 @@ class Silverbox:
         self.step_s = float((time_s[-1] - time_s[0]) / (len(time_s) - 1))
         self.blocks = data.blocks(identified, time_s)
 
+    def wave(self, signal, order, cut_off_hz=None, finer=1):
+        """A signal's spectral derivative (see data.Spectrum)."""
+        return data.Spectrum(signal, self.step_s).wave(order, cut_off_hz, finer)
+
     def layout(self, role):
         """Start of the simulation of each block of a role, and its number of samples."""
         first = np.array([max(first - BEFORE, 16) for first, _ in self.blocks[role]])
         steps = max(end - start for (_, end), start in zip(self.blocks[role], first, strict=True))
         return first, steps
+
+    def simulate(self, equations, role, y, v):
+        """Outputs (blocks, steps) from the input alone after the start of each block's run."""
+        fine = self.wave(self.input, 0, finer=self.finer)
+        first, steps = self.layout(role)
+        state, shown = np.stack([y[first], v[first]]), np.empty((steps, len(first)))
+        for k in range(steps):
+            shown[k] = state[0]
+            at = np.minimum((first + k) * self.finer, len(fine) - self.finer - 1)
+            for j in range(self.finer):
+                state = equations.step(
+                    state, fine[None, at + j], fine[None, at + j + 1], self.step_s / self.finer, 1
+                )
+        return shown.T
 
     def millivolts(self, simulated, role):
         """Error of the simulated outputs (blocks, steps) on the rows of a role (mV)."""
@@ -189,24 +210,10 @@ class Silverbox:
 def silverbox_sindy(box, tell):
     """PySINDy: acceleration from output, its speed and input (spectral derivatives); simulated."""
     began, tried, single = time.perf_counter(), [], []
-    output, wave = data.Spectrum(box.output, box.step_s), data.Spectrum(box.input, box.step_s)
-    fine = wave.wave(0, finer=FINER)
-
-    def simulate(equations, role, y, v):
-        first, steps = box.layout(role)
-        state, shown = np.stack([y[first], v[first]]), np.empty((steps, len(first)))
-        for k in range(steps):
-            shown[k] = state[0]
-            at = np.minimum((first + k) * FINER, len(fine) - FINER - 1)
-            for j in range(FINER):
-                state = equations.step(
-                    state, fine[None, at + j], fine[None, at + j + 1], box.step_s / FINER, 1
-                )
-        return shown.T
 
     def attempt(cut_off, degree, threshold):
-        y, v, a = (output.wave(order, cut_off) for order in (0, 1, 2))
-        u = wave.wave(0, cut_off)
+        y, v, a = (box.wave(box.output, order, cut_off) for order in (0, 1, 2))
+        u = box.wave(box.input, 0, cut_off)
         cut = [slice(first, end) for first, end in box.blocks["fit"]]
         from_here = time.perf_counter()
         equations = sindy.fit(
@@ -220,24 +227,24 @@ def silverbox_sindy(box, tell):
         )
         single.append(time.perf_counter() - from_here)
         with np.errstate(all="ignore"):
-            error = box.millivolts(simulate(equations, "select", y, v), "select")
+            error = box.millivolts(box.simulate(equations, "select", y, v), "select")
         settings = {"cut_off_hz": cut_off, "degree": degree, "threshold": threshold}
         tell(f"sindy {settings}: {equations.count} terms, {error:.3f} mV")
         tried.append((error, len(tried), settings, equations, (y, v)))
 
     for threshold in (0.001, 0.003, 0.01, 0.03):
-        attempt(CUT_OFFS_HZ[1], 3, threshold)
+        attempt(box.cut_offs_hz[1], 3, threshold)
     best = min(tried, key=lambda t: t[:2])[2]
     for cut_off, degree in (
-        (CUT_OFFS_HZ[0], 3),
-        (CUT_OFFS_HZ[2], 3),
-        (CUT_OFFS_HZ[1], 2),
-        (CUT_OFFS_HZ[1], 5),
+        (box.cut_offs_hz[0], 3),
+        (box.cut_offs_hz[2], 3),
+        (box.cut_offs_hz[1], 2),
+        (box.cut_offs_hz[1], 5),
     ):
         attempt(cut_off, degree, best["threshold"])
     _, _, settings, equations, motion = min(tried, key=lambda t: t[:2])
     with np.errstate(all="ignore"):
-        error = box.millivolts(simulate(equations, "report", *motion), "report")
+        error = box.millivolts(box.simulate(equations, "report", *motion), "report")
     return {
         "settings": settings | {"models_tried": len(tried)},
         "terms": equations.count,

@@ -20,18 +20,8 @@ if [ $# -lt 5 ]; then
     exit 2
 fi
 work=$1
-mkdir -p "$work"
 shift
-if [ ! -x "$work/venv/bin/python" ]; then
-    python3 -m venv "$work/venv"
-fi
-if ! cmp -s "$here/requirements.txt" "$work/venv/installed.txt"; then
-    "$work/venv/bin/pip" install --quiet --disable-pip-version-check -r "$here/requirements.txt"
-    cp "$here/requirements.txt" "$work/venv/installed.txt"
-fi
-# One thread for each program.
-export OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1 RAYON_NUM_THREADS=1
-export PYTHONDONTWRITEBYTECODE=1
+. "$here/venv.sh"
 exec "$work/venv/bin/python" "$here/bench.py" --work "$work" --farreach "$1" \
     --ahead "$2" --cases "$3" --data "$4" --revision \
     "$(git -C "$here" describe --always --dirty --exclude='*' 2>/dev/null || echo unknown)" \
