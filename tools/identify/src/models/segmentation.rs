@@ -1,7 +1,8 @@
 //! Segmentation of a long recording of a transmission into segments of movement that fit, select
 //! and report.
 //!
-//! Rest carries no information and is left out. Movement is cut into segments of about
+//! Rest carries no information and is left out, and so are segments in which the slave sticks.
+//! Movement is cut into segments of about
 //! [`LENGTH_S`], each at the end of a stroke on the same side: there the unknown initial speed is
 //! smallest, and segments of a periodic movement repeat one another, which gives the noise floor.
 //! Roles alternate among segments of similar frequency content, so that slow and fast movement fit,
@@ -11,6 +12,7 @@ use crate::equation_error::block_roles::Role;
 use crate::error::{IdentifyError, Result};
 use crate::input::{Series, step_of};
 use crate::naming;
+use crate::prediction_error::record::uninformative;
 
 /// Nominal length of a segment (s).
 pub(super) const LENGTH_S: f64 = 3.0;
@@ -25,6 +27,8 @@ const LEAST_RAD: f64 = 0.05;
 const FEWEST: usize = 3;
 /// Most segments: the duration of a search grows with its records, and repetition adds little.
 const MOST: usize = 40;
+/// Most segments that a note names.
+const MOST_NAMED: usize = 3;
 /// Roles, in turn.
 const TURN: [Role; 4] = [Role::Fit, Role::Select, Role::Fit, Role::Report];
 
@@ -44,16 +48,19 @@ pub(super) fn segment(records: &[Series], notes: &mut Vec<String>) -> Result<Opt
         segments
             .extend(cuts(master, step_s).into_iter().map(|rows| segment_of(record, rows, step_s)));
     }
+    let still = leave_out_still(&mut segments);
     if segments.len() < FEWEST {
         let (found, moved) = (records.len(), segments.len());
+        let beside = still.map_or(String::new(), |still| format!(" ({still})"));
         return Err(IdentifyError::Unusable(format!(
             "expected three records of a transmission, or one that moves for {:.0} s or more; \
-             found {found} with {moved} {} of movement of {LENGTH_S} s; whole records fit, select \
-             and report: give more of them, with movements that differ, or a longer one",
+             found {found} with {moved} {} of movement of {LENGTH_S} s{beside}; whole records fit, \
+             select and report: give more of them, with movements that differ, or a longer one",
             FEWEST as f64 * LENGTH_S,
-            if moved == 1 { "segment" } else { "segments" }
+            noun(moved)
         )));
     }
+    notes.extend(still);
     // Roles alternate within each class of frequency content.
     let mut order: Vec<usize> = (0..segments.len()).collect();
     let quick: Vec<f64> = segments.iter().map(mean_frequency).collect();
@@ -78,6 +85,29 @@ pub(super) fn segment(records: &[Series], notes: &mut Vec<String>) -> Result<Opt
     ));
     segments.retain(|segment| segment.role.is_some());
     Ok(Some(segments))
+}
+
+const fn noun(segments: usize) -> &'static str {
+    if segments == 1 { "segment" } else { "segments" }
+}
+
+/// Leaves out segments that tell nothing, and returns a note on them: the master moves in every
+/// segment, but the slave may stick, or the motor be off.
+fn leave_out_still(segments: &mut Vec<Series>) -> Option<String> {
+    let mut why = Vec::new();
+    segments.retain(|segment| match uninformative(segment) {
+        Some(still) => {
+            why.push(format!("{}: {}: {}", segment.file, still.column, still.found));
+            false
+        }
+        None => true,
+    });
+    let (count, more) = (why.len(), why.len().saturating_sub(MOST_NAMED));
+    why.truncate(MOST_NAMED);
+    if more > 0 {
+        why.push(format!("and {more} more"));
+    }
+    (count > 0).then(|| format!("{count} {} left out: {}", noun(count), why.join("; ")))
 }
 
 /// Rows of the segments of one record.
@@ -272,6 +302,39 @@ mod tests {
             );
             assert!(first < 64.0 && last > 256.0, "{role:?}: {first} to {last} s");
         }
+    }
+
+    #[test]
+    fn segments_in_which_the_slave_sticks_are_left_out_and_noted() {
+        let with_slave = |sticks_from_s: f64| {
+            let mut long = recording();
+            let own = |name| long.column(name).unwrap().to_vec();
+            let (time, master) = (own("t_s"), own("master_rad"));
+            // Less than 20 mrad, where it sticks.
+            let slave = time.iter().zip(&master).map(|(t, master)| match *t < sticks_from_s {
+                true => 0.8 * master,
+                false => 0.01 * master,
+            });
+            let slave = slave.collect();
+            long.columns.push(("slave_rad".to_owned(), slave));
+            long
+        };
+        let mut notes = Vec::new();
+        let segments = segment(&[with_slave(20.0)], &mut notes).unwrap().unwrap();
+        assert!(segments.len() >= 6, "{}", segments.len());
+        for segment in &segments {
+            assert!(segment.column("t_s").unwrap()[0] < 20.0, "{}", segment.file);
+        }
+        for role in [Role::Fit, Role::Select, Role::Report] {
+            assert!(segments.iter().any(|segment| segment.role == Some(role)), "{role:?}");
+        }
+        assert!(
+            notes[0].contains("segments left out: run.mcap[") && notes[0].contains("slave_rad"),
+            "{notes:?}"
+        );
+        // Too few remain.
+        let text = segment(&[with_slave(5.0)], &mut Vec::new()).unwrap_err().to_string();
+        assert!(text.contains("found 1 with 1 segment of") && text.contains("left out"), "{text}");
     }
 
     #[test]

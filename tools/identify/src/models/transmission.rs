@@ -15,7 +15,7 @@ use crate::error::{IdentifyError, Result};
 use crate::input::Series;
 use crate::naming::recording_of;
 use crate::outcome::Outcome;
-use crate::prediction_error::record::{Record, share_out};
+use crate::prediction_error::record::{Record, Uninformative, share_out, uninformative};
 use crate::prediction_error::search::search;
 use crate::prediction_error::transmission_model::TransmissionModel;
 
@@ -41,27 +41,7 @@ impl Model for Transmission {
         let mut notes: Vec<String> =
             records.iter().flat_map(|record| record.notes.iter().cloned()).collect();
         notes.extend(not_used(records));
-        let cut = segmentation::segment(records, &mut notes)?;
-        let records = cut.as_deref().unwrap_or(records);
-        let mut laid_out = records
-            .iter()
-            .map(|series| Record::new(series, options.gear, &mut notes))
-            .collect::<Result<Vec<_>>>()?;
-        if let Some(cut) = &cut {
-            hand_throughout(&mut laid_out, cut);
-        }
-        share_out(&mut laid_out, records.iter().all(|record| record.role.is_some()));
-        let mut model =
-            TransmissionModel::new(rig_file, declared, laid_out, options.slave_count_rad)?;
-        for role in [Role::Fit, Role::Select, Role::Report] {
-            if model.of_role(role).is_empty() {
-                return Err(IdentifyError::Unusable(format!(
-                    "expected at least three records of a transmission, found {}; whole records \
-                     fit, select and report: give more of them, with movements that differ",
-                    model.records.len()
-                )));
-            }
-        }
+        let mut model = model_of(rig_file, declared, records, &options, &mut notes)?;
         if model.records.iter().all(|record| record.idle) {
             notes.push(
                 "no record has a hand that drives the slave: the scale of every torque relies on \
@@ -78,6 +58,63 @@ impl Model for Transmission {
         transmission_outcome::conclude(&study, capability.as_ref())
             .ok_or_else(|| lost(&study.model))
     }
+}
+
+/// Builds the model with the records that tell something, and notes what was left out.
+fn model_of(
+    rig_file: &str,
+    declared: &Declared,
+    records: &[Series],
+    options: &Options,
+    notes: &mut Vec<String>,
+) -> Result<TransmissionModel> {
+    let (informative, left_out) = informative(records);
+    let beside_left_out = |error: IdentifyError| match (error, &left_out[..]) {
+        (error, []) => error,
+        (error, left_out) => {
+            IdentifyError::Unusable(format!("{error} ({})", left_out.join("; ")))
+        }
+    };
+    let records = informative.as_deref().unwrap_or(records);
+    let mut cutting = Vec::new();
+    let cut = segmentation::segment(records, &mut cutting).map_err(beside_left_out)?;
+    let records = cut.as_deref().unwrap_or(records);
+    let mut laid_out = records
+        .iter()
+        .map(|series| Record::new(series, options.gear, &mut cutting))
+        .collect::<Result<Vec<_>>>()?;
+    if let Some(cut) = &cut {
+        hand_throughout(&mut laid_out, cut);
+    }
+    share_out(&mut laid_out, records.iter().all(|record| record.role.is_some()));
+    let model = TransmissionModel::new(rig_file, declared, laid_out, options.slave_count_rad)?;
+    for role in [Role::Fit, Role::Select, Role::Report] {
+        if model.of_role(role).is_empty() {
+            return Err(beside_left_out(IdentifyError::Unusable(format!(
+                "expected at least three records of a transmission, found {}; whole records fit, \
+                 select and report: give more of them, with movements that differ",
+                model.records.len()
+            ))));
+        }
+    }
+    notes.extend(left_out);
+    notes.append(&mut cutting);
+    Ok(model)
+}
+
+/// Leaves out records that tell nothing, with a note on each. Returns no records where all do or
+/// none does: in the first case the first is refused with its reason, as every one would be.
+fn informative(records: &[Series]) -> (Option<Vec<Series>>, Vec<String>) {
+    let why: Vec<_> = records.iter().map(uninformative).collect();
+    if why.iter().all(Option::is_some) || why.iter().all(Option::is_none) {
+        return (None, Vec::new());
+    }
+    let notes = records.iter().zip(&why).filter_map(|(record, why)| {
+        let Uninformative { column, found, .. } = why.as_ref()?;
+        Some(format!("{} is left out: {column}: {found}", record.file))
+    });
+    let kept = records.iter().zip(&why).filter(|(_, why)| why.is_none());
+    (Some(kept.map(|(record, _)| record.clone()).collect()), notes.collect())
 }
 
 /// A hand in one segment of a recording is assumed in all of its segments, however lightly it acts:
@@ -161,6 +198,79 @@ mod tests {
         assert_eq!(idle(&records), [true, false, true, true]);
         hand_throughout(&mut records, &stretches);
         assert_eq!(idle(&records), [false, false, true, true]);
+    }
+
+    /// A record of 4 s in which the slave goes so far (rad).
+    fn moving(name: &str, slave_rad: f64) -> Series {
+        let time: Vec<f64> = (0..4000).map(|row| f64::from(row) * 1e-3).collect();
+        let wave = |size: f64| time.iter().map(|t| size * (5.0 * t).sin()).collect::<Vec<f64>>();
+        let columns = [
+            ("motor_v", wave(3.0)),
+            ("master_rad", wave(0.5)),
+            ("slave_rad", wave(slave_rad)),
+            ("t_s", time.clone()),
+        ];
+        let columns = columns.into_iter().map(|(name, column)| (name.to_owned(), column));
+        Series { file: name.to_owned(), columns: columns.collect(), ..Series::default() }
+    }
+
+    fn model_of_moving(records: &[Series]) -> (Result<TransmissionModel>, Vec<String>) {
+        let rig = concat!(env!("CARGO_MANIFEST_DIR"), "/../../launch/rigs/hydrostatic.toml");
+        let rig = rig::RigFile::load(rig).unwrap();
+        let options = Options {
+            seed: 1,
+            gear: 1.0,
+            slave_count_rad: None,
+            capability: None,
+            propose: false,
+            calibrate: 0,
+        };
+        let mut notes = Vec::new();
+        (model_of("rig.toml", &rig.model, records, &options, &mut notes), notes)
+    }
+
+    #[test]
+    fn one_record_of_ten_with_a_stuck_slave_is_left_out_and_noted() {
+        let name = |turn: usize| format!("record-{turn:02}.csv");
+        let mut records: Vec<Series> = (0..10).map(|turn| moving(&name(turn), 0.4)).collect();
+        records[3] = moving(&name(3), 0.004);
+        let (model, notes) = model_of_moving(&records);
+        let model = model.unwrap();
+        assert_eq!(model.records.len(), 9);
+        assert!(model.records.iter().all(|record| record.name != name(3)));
+        for role in [Role::Fit, Role::Select, Role::Report] {
+            assert!(!model.of_role(role).is_empty(), "{role:?}");
+        }
+        assert!(
+            notes.iter().any(|note| note.starts_with("record-03.csv is left out: slave_rad")),
+            "{notes:?}"
+        );
+    }
+
+    #[test]
+    fn records_are_refused_only_where_too_few_move() {
+        let still = |turn: usize| moving(&format!("still-{turn}.csv"), 0.004);
+        // All are refused with the reason of the first.
+        let text = model_of_moving(&[still(0), still(1), still(2)]).0.unwrap_err().to_string();
+        assert!(text.starts_with("still-0.csv, column `slave_rad`"), "{text}");
+        // 4 s in one record are no three segments.
+        let records = [moving("moves.csv", 0.4), still(1), still(2)];
+        let text = model_of_moving(&records).0.unwrap_err().to_string();
+        assert!(
+            text.contains("three records") && text.contains("still-1.csv is left out"),
+            "{text}"
+        );
+        // The only record that should report stuck.
+        let mut records: Vec<Series> =
+            (0..4).map(|turn| moving(&format!("{turn}.csv"), 0.4)).collect();
+        records[3] = still(3);
+        let roles = [Role::Fit, Role::Fit, Role::Select, Role::Report];
+        records.iter_mut().zip(roles).for_each(|(record, role)| record.role = Some(role));
+        let text = model_of_moving(&records).0.unwrap_err().to_string();
+        assert!(
+            text.contains("whole records fit") && text.contains("still-3.csv is left out"),
+            "{text}"
+        );
     }
 
     #[test]

@@ -175,6 +175,43 @@ impl Record {
     }
 }
 
+/// Why a record tells nothing about the machine.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Uninformative {
+    /// The column that does not change.
+    pub column: &'static str,
+    /// What it does instead.
+    pub found: String,
+    /// What to do where no record is better.
+    pub advice: &'static str,
+}
+
+/// Returns the column for which a record, or a segment of one, tells nothing: a position that hardly
+/// moved, or a voltage that never changed; `None` if there is no such column.
+///
+/// A slave that sticks does show that its friction exceeds the torque of the line. But the residual
+/// of a position that stays within an encoder count is zero for every model that sticks, so that
+/// the logarithm of its variance has no lower limit and would outweigh all other records.
+pub fn uninformative(series: &Series) -> Option<Uninformative> {
+    let known = |name| series.column(name).filter(|column| column.iter().all(|v| v.is_finite()));
+    for column in ["master_rad", "slave_rad"] {
+        if let Some(way) = known(column).map(range).filter(|way| *way < STILL_RAD) {
+            return Some(Uninformative {
+                column,
+                found: format!("the position never moved (it stays within {way:.2e} rad)"),
+                advice: "no inertia, friction or stiffness can be seen without movement; check \
+                         the encoder, and move the machine",
+            });
+        }
+    }
+    let constant = known("motor_v").filter(|volts| range(volts) == 0.0)?;
+    Some(Uninformative {
+        column: "motor_v",
+        found: format!("it is {} in all rows", constant.first()?),
+        advice: "identify needs what the DAC put out; check the channel",
+    })
+}
+
 /// Checks that columns move, are in SI units, and are not clipped.
 fn check_plausible(series: &Series, step_s: f64, notes: &mut Vec<String>) -> Result<()> {
     let (_, volts) = series.any(&["motor_v"])?;
@@ -187,27 +224,18 @@ fn check_plausible(series: &Series, step_s: f64, notes: &mut Vec<String>) -> Res
         let advice = "record at 100 Hz or more: the line's resonance must be seen";
         return wrong("t_s", format!("a row every {step_s:.4} s"), advice);
     }
+    if let Some(Uninformative { column, found, advice }) = uninformative(series) {
+        return wrong(column, found, advice);
+    }
     for (name, column) in [("master_rad", Some(master)), ("slave_rad", slave)] {
-        let Some(column) = column else { continue };
-        let way = range(column);
-        if way < STILL_RAD {
-            let found = format!("the position never moved (it stays within {way:.2e} rad)");
-            let advice = "no inertia, friction or stiffness can be seen without movement; check \
-                          the encoder, and move the machine";
-            return wrong(name, found, advice);
-        }
-        if peak(column) > FAR_RAD {
+        if let Some(far) = column.map(peak).filter(|peak| *peak > FAR_RAD) {
             let advice = "positions are in rad: these look like counts or degrees";
-            return wrong(name, format!("values up to {:.4e}", peak(column)), advice);
+            return wrong(name, format!("values up to {far:.4e}"), advice);
         }
     }
     if peak(volts) > HIGH_V {
         let advice = "this is the voltage at the amplifier, in V: these look like counts or mV";
         return wrong("motor_v", format!("values up to {:.4e}", peak(volts)), advice);
-    }
-    if range(volts) == 0.0 {
-        let advice = "identify needs what the DAC put out; check the channel";
-        return wrong("motor_v", format!("it is {} in all rows", volts[0]), advice);
     }
     for (name, column) in [("motor_v", Some(volts)), ("slave_torque_nm", torque)] {
         let railed = if column.is_some() { series.railed(name) } else { 0.0 };
