@@ -56,6 +56,9 @@ pub struct Outcome {
     pub error: BTreeMap<String, ChannelError>,
     /// Declared parameters, as fitted beside the effects.
     pub parameters: Vec<FittedParameter>,
+    /// Those that ended at the bounds of their tolerances; left out if none did.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub at_bounds: Option<AtBounds>,
     /// Roles of the records.
     pub records: Roles,
     /// What to measure next.
@@ -234,6 +237,35 @@ pub struct FittedParameter {
     /// The single parameter with the same effect, if there is one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub trades_with: Option<String>,
+}
+
+/// Declared parameters at the bounds of their tolerances: a missing effect that acts like a changed
+/// parameter hides there.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct AtBounds {
+    /// Their names.
+    pub parameters: Vec<String>,
+    /// Per channel, the share of the error with declared values that the fit within all tolerances
+    /// took, `100 (1 - before / declared)`; left out where the error with declared values is not
+    /// known (%).
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    pub error_taken_percent: BTreeMap<String, f64>,
+}
+
+impl AtBounds {
+    /// Collects them from an outcome's parameters and errors; `None` if there are none.
+    pub fn of(
+        parameters: &[FittedParameter],
+        error: &BTreeMap<String, ChannelError>,
+    ) -> Option<Self> {
+        let names = parameters.iter().filter(|own| own.at_tolerance).map(|own| own.name.clone());
+        let parameters: Vec<String> = names.collect();
+        let taken = error.iter().filter_map(|(channel, error)| {
+            let declared = error.declared.filter(|declared| *declared > 0.0)?;
+            Some((channel.clone(), 100.0 * (1.0 - error.before / declared)))
+        });
+        (!parameters.is_empty()).then(|| Self { parameters, error_taken_percent: taken.collect() })
+    }
 }
 
 /// Whether the records identify a parameter.

@@ -334,7 +334,7 @@ mod tests {
         );
         // Too few remain.
         let text = segment(&[with_slave(5.0)], &mut Vec::new()).unwrap_err().to_string();
-        assert!(text.contains("found 1 with 1 segment of") && text.contains("left out"), "{text}");
+        assert!(text.contains("found 1 with 2 segments of") && text.contains("left out"), "{text}");
     }
 
     #[test]

@@ -6,7 +6,7 @@ use report::Tone;
 use super::bootstrap;
 use super::effect_descriptions::{OTHER_ENCODER, words};
 use crate::effects::find;
-use crate::outcome::{Named, Outcome, UnlistedTable, Verdict};
+use crate::outcome::{AtBounds, Named, Outcome, UnlistedTable, Verdict};
 use crate::outcome_tables::short;
 
 /// Where an effect acts.
@@ -22,7 +22,13 @@ fn place_unlisted(site: &str) -> String {
 /// Returns the verdict as a sentence, and one on the errors. `located` tells whether the search
 /// finds where an effect acts: it does for transmissions.
 pub(crate) fn sentences(outcome: &Outcome, located: bool) -> (Tone, String, String) {
-    let (tone, sentence) = verdict(outcome, located);
+    let (mut tone, mut sentence) = verdict(outcome, located);
+    if let Some(at_bounds) = &outcome.at_bounds {
+        sentence += &bounds(at_bounds);
+        if outcome.verdict == Verdict::None {
+            tone = Tone::Warning;
+        }
+    }
     let mut detail =
         String::from("Root-mean-square error on rows that took no part in fitting or selection:");
     for (index, (channel, error)) in outcome.error.iter().enumerate() {
@@ -58,6 +64,32 @@ pub(crate) fn sentences(outcome: &Outcome, located: bool) -> (Tone, String, Stri
         }
     }
     (tone, sentence, detail)
+}
+
+/// Which parameters ended at the bounds of their tolerances, and how much of the error the
+/// tolerances took, as a sentence after the verdict.
+fn bounds(at_bounds: &AtBounds) -> String {
+    let (names, what) = match &at_bounds.parameters[..] {
+        [one] => (one.clone(), "the bound of its tolerance"),
+        many => (many.join(", "), "the bounds of their tolerances"),
+    };
+    let mut taken: Vec<String> = at_bounds
+        .error_taken_percent
+        .iter()
+        .filter(|(_, percent)| **percent >= 1.0)
+        .map(|(channel, percent)| format!("{percent:.0} % of the error of {channel}"))
+        .collect();
+    if taken.is_empty() && !at_bounds.error_taken_percent.is_empty() {
+        taken.push("less than 1 % of the error".to_owned());
+    }
+    let taken = match taken.is_empty() {
+        true => String::new(),
+        false => {
+            let taken = taken.join(" and ");
+            format!(": against the declared values, the fit within all tolerances took {taken}")
+        }
+    };
+    format!(" But {names} ended at {what}{taken}.")
 }
 
 /// The verdict.
@@ -109,5 +141,35 @@ fn with_unit(value: f64, unit: &str) -> String {
     match unit {
         "rad" if value.abs() < 0.1 => format!("{} mrad", short(1e3 * value)),
         _ => format!("{} {unit}", short(value)),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn parameters_at_their_bounds_are_told_with_what_the_tolerances_took() {
+        let two = AtBounds {
+            parameters: vec!["motor_coulomb_nm".into(), "port_damping_n_s_per_m".into()],
+            error_taken_percent: [
+                ("master_rad".to_owned(), 71.4),
+                ("slave_rad".to_owned(), 93.0),
+                ("slave_torque_nm".to_owned(), 0.2),
+            ]
+            .into(),
+        };
+        assert_eq!(
+            bounds(&two),
+            " But motor_coulomb_nm, port_damping_n_s_per_m ended at the bounds of their \
+             tolerances: against the declared values, the fit within all tolerances took 71 % of \
+             the error of master_rad and 93 % of the error of slave_rad."
+        );
+        let one = |percent: &[f64]| AtBounds {
+            parameters: vec!["mass_kg".into()],
+            error_taken_percent: percent.iter().map(|own| ("force_n".to_owned(), *own)).collect(),
+        };
+        assert_eq!(bounds(&one(&[])), " But mass_kg ended at the bound of its tolerance.");
+        assert!(bounds(&one(&[-0.5])).ends_with("took less than 1 % of the error."));
     }
 }

@@ -1,5 +1,7 @@
 //! Outcome of a model with one measured channel: verdict, numbers and page.
 
+use std::collections::BTreeMap;
+
 use report::Page;
 
 use super::next_experiment::next_experiment;
@@ -10,8 +12,8 @@ use super::unaccepted_effects::{left, sampling_delay_notes};
 use crate::equation_error::block_roles::{Block, Role, blocks_of_role};
 use crate::equation_error::model::{Fitted, RegressionModel, Structure};
 use crate::outcome::{
-    CandidateGain, ChannelError, FoundEffect, Named, Outcome, Roles, StepError, UnlistedTable,
-    Verdict,
+    AtBounds, CandidateGain, ChannelError, FoundEffect, Named, Outcome, Roles, StepError,
+    UnlistedTable, Verdict,
 };
 use crate::selection::candidates::SitedEffect;
 use crate::selection::predictor::Predictor;
@@ -67,6 +69,7 @@ fn outcome(study: &Study<'_>) -> Outcome {
         error: [(study.channel.to_owned(), error)].into(),
         records: roles(regression, &study.blocks),
         next_experiment: next_experiment(regression, found, &parameters),
+        at_bounds: AtBounds::of(&parameters, &BTreeMap::new()),
         parameters,
         steps: steps(study),
         candidates: candidates(found),

@@ -71,9 +71,7 @@ fn model_of(
     let (informative, left_out) = informative(records);
     let beside_left_out = |error: IdentifyError| match (error, &left_out[..]) {
         (error, []) => error,
-        (error, left_out) => {
-            IdentifyError::Unusable(format!("{error} ({})", left_out.join("; ")))
-        }
+        (error, left_out) => IdentifyError::Unusable(format!("{error} ({})", left_out.join("; "))),
     };
     let records = informative.as_deref().unwrap_or(records);
     let mut cutting = Vec::new();

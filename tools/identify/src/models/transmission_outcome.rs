@@ -12,8 +12,9 @@ use super::transmission_page;
 use super::transmission_study::Study;
 use crate::equation_error::block_roles::Role;
 use crate::outcome::{
-    CandidateGain, ChannelError, EffectParameter, FittedParameter, FoundEffect, Identifiability,
-    Named, NextExperiment, Outcome, Roles, UNKNOWN, Unexplained, UnlistedTable, Verdict,
+    AtBounds, CandidateGain, ChannelError, EffectParameter, FittedParameter, FoundEffect,
+    Identifiability, Named, NextExperiment, Outcome, Roles, UNKNOWN, Unexplained, UnlistedTable,
+    Verdict,
 };
 use crate::prediction_error::fit::Dataset;
 use crate::prediction_error::free_parameter::{AT_BOUND, FreeParameter, SearchRange};
@@ -48,6 +49,7 @@ fn outcome(study: &Study) -> Option<Outcome> {
     let verdict = Verdict::of(found.steps.len(), rivals.len(), remains);
     let fit = Dataset::of(&study.model, Role::Fit);
     let with_deviation = fit.deviations(found.last(), BLOCK);
+    let (error, parameters) = (error(study)?, parameters(study, &with_deviation));
     Some(Outcome {
         verdict,
         effects: effects(study, &with_deviation),
@@ -59,8 +61,9 @@ fn outcome(study: &Study) -> Option<Outcome> {
         left: Vec::new(),
         unlisted: unlisted(found, &fit, &with_deviation),
         calibration: study.calibration.clone(),
-        error: error(study)?,
-        parameters: parameters(study, &with_deviation),
+        at_bounds: AtBounds::of(&parameters, &error),
+        error,
+        parameters,
         records: roles(study),
         next_experiment: next_experiment(study, verdict),
         steps: Vec::new(),

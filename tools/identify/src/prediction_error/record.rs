@@ -186,8 +186,8 @@ pub struct Uninformative {
     pub advice: &'static str,
 }
 
-/// Returns the column for which a record, or a segment of one, tells nothing: a position that hardly
-/// moved, or a voltage that never changed; `None` if there is no such column.
+/// Returns the column for which a record, or a segment of one, tells nothing: a position that
+/// hardly moved, or a voltage that never changed; `None` if there is no such column.
 ///
 /// A slave that sticks does show that its friction exceeds the torque of the line. But the residual
 /// of a position that stays within an encoder count is zero for every model that sticks, so that

@@ -104,6 +104,7 @@ fn outcome(
         left: Vec::new(),
         error: Default::default(),
         parameters,
+        at_bounds: None,
         records: Roles::default(),
         next_experiment: NextExperiment { why: String::new(), what: String::new(), protocol: None },
         steps: Vec::new(),
