@@ -14,8 +14,13 @@ pub enum Verdict {
     None,
     /// An effect is missing, and the records cannot distinguish two that explain it.
     Ambiguous,
-    /// Something is missing that no listed effect explains.
+    /// Something is missing that no listed effect explains. Effects that explain a part beside it
+    /// are named.
     Unlisted,
+    /// The model describes the records badly, and neither listed effects nor a function of one
+    /// variable explain most of the error; no effect is named. Not for transmissions, where this
+    /// is [`Verdict::Unlisted`] without a function.
+    Inadequate,
 }
 
 impl Verdict {

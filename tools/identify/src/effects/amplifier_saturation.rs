@@ -2,8 +2,8 @@
 //!
 //! `f = clamp(F, ±limit)`: the part of the command `F` beyond the limit is lost.
 //!
-//! Parameter: `limit` (N, N·m or V), searched from 30 to 98 % of the largest command of the
-//! records.
+//! Parameter: `limit` (N, N·m or V), searched from 2 to 98 % of the largest command of the
+//! records: an integrating law winds up to several times the limit.
 //!
 //! In a residual: an error only at the highest commands, where the force falls short. Confused
 //! with: load-dependent friction, a command channel that clips.
@@ -21,8 +21,8 @@ pub(super) const EFFECT: Effect = Effect {
         vec![Shape::by_factors(
             "limit",
             axis.units.force,
-            (0.3 * axis.force_peak, 0.98 * axis.force_peak),
-            12,
+            (0.02 * axis.force_peak, 0.98 * axis.force_peak),
+            40,
         )]
     },
     columns: Some(|view, shapes| {

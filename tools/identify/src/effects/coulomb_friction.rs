@@ -21,5 +21,6 @@ pub(super) const EFFECT: Effect = Effect {
     uses_sign: true,
     terms: |axis| vec![Term::positive("coulomb", axis.units.force)],
     force: Some(|now, _, _, out| out[0] = now.sign),
+    beside_functions: true,
     ..Effect::NONE
 };

@@ -22,5 +22,6 @@ pub(super) const EFFECT: Effect = Effect {
     linear: true,
     terms: |axis| vec![Term::positive("mass_beyond_declared", axis.units.mass)],
     columns: Some(|view, _| vec![view.signals.acceleration.clone()]),
+    beside_functions: true,
     ..Effect::NONE
 };

@@ -19,5 +19,6 @@ pub(super) const EFFECT: Effect = Effect {
     applies: |axis| axis.rotary && axis.travel() > 0.3,
     terms: Term::sine_and_cosine,
     force: Some(|now, _, _, out| (out[0], out[1]) = now.position.sin_cos()),
+    beside_functions: true,
     ..Effect::NONE
 };

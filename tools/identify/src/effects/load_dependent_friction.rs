@@ -24,5 +24,6 @@ pub(super) const EFFECT: Effect = Effect {
     columns: Some(|view, _| {
         vec![view.model.iter().zip(view.sign).map(|(f, s)| f.abs() * s).collect()]
     }),
+    beside_functions: true,
     ..Effect::NONE
 };

@@ -106,6 +106,11 @@ pub struct Effect {
     pub linear: bool,
     /// Whether its columns are a sine and a cosine of time, with the frequency as the only shape.
     pub is_tone: bool,
+    /// Whether it may be added more than once, as waves of several orders.
+    pub repeats: bool,
+    /// Whether it is also searched beside a nonparametric function: friction, gravity and mass,
+    /// which nearly every machine has.
+    pub beside_functions: bool,
     /// The time (s) by which it shifts the force, from amplitudes and shapes, for effects that do
     /// nothing else. A shift of about one sampling period is caused by sampling and zero-order hold
     /// and is not reported as an effect.
@@ -142,6 +147,8 @@ impl Effect {
         uses_model: false,
         linear: false,
         is_tone: false,
+        repeats: false,
+        beside_functions: false,
         shift: |_, _| None,
         terms: |_| Vec::new(),
         shapes: |_| Vec::new(),
@@ -151,6 +158,14 @@ impl Effect {
         force: None,
         deliver: None,
     };
+}
+
+impl Effect {
+    /// Whether it takes a part of the measured force away, instead of adding a force that the
+    /// motion needs: one of its columns has a given amplitude.
+    pub fn alters_target(&self, axis: &Axis) -> bool {
+        (self.terms)(axis).iter().any(Term::is_given)
+    }
 }
 
 /// Names of the units of a machine: a linear axis, a rotary axis or a circuit.

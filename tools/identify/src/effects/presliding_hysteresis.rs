@@ -50,5 +50,6 @@ pub(super) const EFFECT: Effect = Effect {
         rates[0] = (now.velocity - now.velocity.abs() * states[0]) / shapes[0]
     },
     force: Some(|_, _, states, out| out[0] = states[0]),
+    beside_functions: true,
     ..Effect::NONE
 };

@@ -38,6 +38,7 @@ pub(super) const EFFECT: Effect = Effect {
         let wave = TAU * shapes[0] / view.axis.turn.unwrap_or(1.0);
         waves::pair(&view.signals.position, wave)
     }),
+    repeats: true,
     ..Effect::NONE
 };
 

@@ -50,8 +50,6 @@ impl Column {
         }
     }
 
-    /// Its values along a record at the full rate, low-passed, given the smoothed sign of the
-    /// velocity.
     /// Unit of the parameter that multiplies it.
     pub const fn unit(self, units: &Units) -> &'static str {
         match self {
@@ -62,6 +60,8 @@ impl Column {
         }
     }
 
+    /// Its values along a record at the full rate, low-passed, given the smoothed sign of the
+    /// velocity.
     fn values<'a>(self, signals: &'a Signals, sign: &[f64]) -> Cow<'a, [f64]> {
         Cow::Borrowed(match self {
             Self::Acceleration => &signals.acceleration,
@@ -159,6 +159,10 @@ impl RegressionModel {
         let declared = self.parameters.iter().map(|p| match p.column {
             // Mass, damping and stiffness cannot be negative, whatever the tolerance.
             Column::One => (p.declared - p.spread, p.declared + p.spread),
+            // Mass beyond its tolerance is more of it: a motor cannot weigh less than declared.
+            Column::Acceleration if lifted(Column::Acceleration) => {
+                ((p.declared - p.spread).max(0.0), f64::INFINITY)
+            }
             column if lifted(column) => (0.0, f64::INFINITY),
             _ => ((p.declared - p.spread).max(0.0), p.declared + p.spread),
         });
@@ -285,6 +289,34 @@ impl RegressionModel {
         gram
     }
 
+    /// Variance of the force that is left to be explained, as a share of the variance of the
+    /// measured force, over some rows: less than 1 where an effect takes a part of it away.
+    pub fn target_share(
+        &self,
+        structure: &Structure<'_>,
+        fitted: &Fitted,
+        blocks: &[Block],
+    ) -> f64 {
+        let terms = self.terms(structure);
+        let from = self.parameters.len();
+        let given: Vec<usize> =
+            (from..).zip(&terms).filter(|t| t.1.is_given()).map(|t| t.0).collect();
+        if given.is_empty() {
+            return 1.0;
+        }
+        let (mut whole, mut kept) = (Vec::new(), Vec::new());
+        for block in blocks {
+            let columns = &fitted.columns[block.record];
+            for row in block.rows.clone() {
+                let force = self.balances[block.record].force[row];
+                let taken = given.iter().map(|at| fitted.fit.coefficients[*at] * columns[*at][row]);
+                whole.push(force);
+                kept.push(force - taken.sum::<f64>());
+            }
+        }
+        (variance(&kept) / variance(&whole).max(f64::MIN_POSITIVE)).max(1e-9)
+    }
+
     /// Residual of a fitted structure over some rows.
     pub fn residual(&self, fitted: &Fitted, block: &Block) -> Vec<f64> {
         residual(
@@ -323,6 +355,13 @@ impl RegressionModel {
         }
         (sum / rows.max(1) as f64).sqrt()
     }
+}
+
+/// Mean square about the mean.
+fn variance(values: &[f64]) -> f64 {
+    let n = values.len().max(1) as f64;
+    let mean = values.iter().sum::<f64>() / n;
+    values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / n
 }
 
 /// Force minus the columns times their coefficients, over some rows.

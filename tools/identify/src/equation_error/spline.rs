@@ -3,6 +3,9 @@
 use crate::effects::{Axis, Effect, Instant, Regressor, Term, View};
 use crate::equation_error::signals::Signals;
 
+/// Number of intervals between knots over which a function continues beyond its ends.
+const EXTRAPOLATED: f64 = 3.0;
+
 /// A variable on which a residual may depend.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Variable {
@@ -62,15 +65,10 @@ pub struct Spline {
 }
 
 impl Spline {
-    /// Knots over the range of the records, halfway between even spacing (which leaves knots
-    /// without data, whose values would be arbitrary) and equal numbers of rows (which leaves the
-    /// ends coarse). `None` if the variable does not vary.
-    pub fn over<'a>(
-        variable: Variable,
-        records: impl Iterator<Item = &'a Signals>,
-    ) -> Option<Self> {
-        let mut values: Vec<f64> =
-            records.flat_map(|s| variable.values(s).iter().copied()).collect();
+    /// Knots over the range of the values (those of the fitted rows: elsewhere nothing determines
+    /// them), halfway between even spacing (which leaves knots without data) and equal numbers of
+    /// rows (which leaves the ends coarse). `None` if the variable does not vary.
+    pub fn over(variable: Variable, mut values: Vec<f64>) -> Option<Self> {
         values.sort_by(f64::total_cmp);
         let (low, high) = (*values.first()?, *values.last()?);
         let n = variable.knots();
@@ -84,12 +82,17 @@ impl Spline {
         (high > low).then(|| Self { variable, declaration, knots: (0..n).map(knot).collect() })
     }
 
-    /// The knot below a value, and the position of the value between it and the next, 0 to 1;
-    /// values beyond the ends count as at the ends.
+    /// What it is a function of.
+    pub const fn variable(&self) -> Variable {
+        self.variable
+    }
+
+    /// The knot below a value, and the position of the value between it and the next, 0 to 1.
+    /// Beyond the ends the function continues in a straight line, over at most three intervals.
     fn place(&self, value: f64) -> (usize, f64) {
         let left = self.knots.partition_point(|k| *k <= value).clamp(1, self.knots.len() - 1) - 1;
         let share = (value - self.knots[left]) / (self.knots[left + 1] - self.knots[left]);
-        (left, share.clamp(0.0, 1.0))
+        (left, share.clamp(-EXTRAPOLATED, 1.0 + EXTRAPOLATED))
     }
 }
 

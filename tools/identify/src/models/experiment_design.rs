@@ -48,7 +48,7 @@ pub(super) fn propose(
         Verdict::Ambiguous => between_two(study, capability),
         Verdict::Effect | Verdict::None => for_parameters(study, capability, parameters),
         // With an unlisted effect there are no two models to compare.
-        Verdict::Unlisted => None,
+        Verdict::Unlisted | Verdict::Inadequate => None,
     }
 }
 

@@ -8,7 +8,7 @@ use crate::selection::search::SearchResult;
 /// Returns the experiment that would settle the open question after a search.
 pub(super) fn next_experiment(
     regression: &RegressionModel,
-    found: &SearchResult,
+    found: &SearchResult<'_>,
     parameters: &[FittedParameter],
 ) -> NextExperiment {
     let (why, what) = open_question(regression, found, parameters);
@@ -17,7 +17,7 @@ pub(super) fn next_experiment(
 
 fn open_question(
     regression: &RegressionModel,
-    found: &SearchResult,
+    found: &SearchResult<'_>,
     parameters: &[FittedParameter],
 ) -> (String, &'static str) {
     let spring = regression.axis.spring;
@@ -33,6 +33,13 @@ fn open_question(
             format!("A residual remains that depends on {on} and matches no listed effect."),
             along(unlisted.variable, spring),
         );
+    }
+    if found.is_inadequate() {
+        let why = "No model that was tried describes these records.".to_owned();
+        let what = "slow strokes both ways, strokes at several constant speeds, and quick \
+                    reversals, each recorded by itself: they separate force over position, over \
+                    speed and over acceleration";
+        return (why, what);
     }
     if let Some(unsure) = parameters.iter().find(|p| !p.identifiable && p.declared.is_some()) {
         let what = match spring {

@@ -118,6 +118,12 @@ fn verdict(outcome: &Outcome, located: bool) -> (Tone, String) {
             let fitted = "the declared model, fitted within its tolerances, explains them";
             (Tone::Good, format!("These records show no missing effect: {fitted}."))
         }
+        Verdict::Inadequate => (
+            Tone::Warning,
+            "The declared model does not describe this machine, and no listed effect explains \
+             most of the error."
+                .to_owned(),
+        ),
         Verdict::Unlisted => {
             let of = |unlisted: &UnlistedTable| match (unlisted.variable(), located) {
                 (Some(on), true) => {

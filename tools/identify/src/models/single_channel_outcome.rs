@@ -16,8 +16,9 @@ use crate::outcome::{
     UnlistedTable, Verdict,
 };
 use crate::selection::candidates::SitedEffect;
+use crate::selection::forward_selection::SelectionStep;
 use crate::selection::predictor::Predictor;
-use crate::selection::search::{SearchResult, SelectionStep};
+use crate::selection::search::SearchResult;
 use crate::selection::validation::Validation;
 
 /// The verdict, and the page that shows it.
@@ -33,8 +34,14 @@ fn outcome(study: &Study<'_>) -> Outcome {
     let contested = found.steps.iter().rev().find(|step| !step.rivals.is_empty());
     let rivals: &[SitedEffect] = contested.map_or(&[], |step| &step.rivals);
     // With three effects in the model, a fourth that passes remains unexplained, too.
-    let remains =
-        found.unlisted.is_some() || found.last_round.iter().any(|t| t.validation.accepted);
+    let remains = found.unlisted.is_some()
+        || found.is_inadequate()
+        || found.last_round.iter().any(|t| t.validation.accepted);
+    let verdict = match (&found.function, found.is_inadequate()) {
+        (Some(_), _) => Verdict::Unlisted,
+        (None, true) => Verdict::Inadequate,
+        (None, false) => Verdict::of(found.steps.len(), rivals.len(), remains),
+    };
     let report = blocks_of_role(&study.blocks, Role::Report);
     let [(before, size), (after, _)] =
         [&found.base, found.last()].map(|model| predictor.error(&model.fitted, &report));
@@ -51,7 +58,7 @@ fn outcome(study: &Study<'_>) -> Outcome {
     // The site of an unlisted effect is that of most listed effects of this kind of model.
     let site = regression.sites.first().copied().unwrap_or_default();
     Outcome {
-        verdict: Verdict::of(found.steps.len(), rivals.len(), remains),
+        verdict,
         effects: found.steps.iter().enumerate().map(|step| effect(study, step)).collect(),
         ambiguous_with: rivals
             .iter()
@@ -73,16 +80,41 @@ fn outcome(study: &Study<'_>) -> Outcome {
         parameters,
         steps: steps(study),
         candidates: candidates(found),
-        notes: study.notes.iter().cloned().chain(sampling_delay_notes(study)).collect(),
+        notes: study
+            .notes
+            .iter()
+            .cloned()
+            .chain(withdrawal_note(found))
+            .chain(sampling_delay_notes(study))
+            .collect(),
         seconds: 0.0,
     }
 }
 
-fn effect(study: &Study<'_>, (at, step): (usize, &SelectionStep)) -> FoundEffect {
+/// Why effects that passed are not named.
+fn withdrawal_note(found: &SearchResult<'_>) -> Option<String> {
+    let ids: Vec<&str> = found.withdrawn.iter().map(|step| step.added.sited.effect.id).collect();
+    (!ids.is_empty()).then(|| {
+        format!(
+            "{} reduce the error but leave {:.0} % of its square on the selection rows and {:.0} % \
+             on the reporting rows: they are not named, since the model lacks something larger",
+            ids.join(", "),
+            100.0 * found.adequacy.left_selected,
+            100.0 * found.adequacy.left_reported
+        )
+    })
+}
+
+fn effect(study: &Study<'_>, (at, step): (usize, &SelectionStep<'_>)) -> FoundEffect {
     FoundEffect {
         id: step.added.sited.effect.id.into(),
         site: step.added.sited.site.into(),
-        parameters: effect_parameters(study.predictor.regression(), study.found.last(), at),
+        // After the function that takes the place of listed effects, where there is one.
+        parameters: effect_parameters(
+            study.predictor.regression(),
+            study.found.last(),
+            at + usize::from(study.found.function.is_some()),
+        ),
         t: step.added.validation.t,
         gain_percent: step.added.validation.gain_percent,
     }
@@ -118,6 +150,10 @@ fn steps(study: &Study<'_>) -> Vec<StepError> {
     let base = &found.base.fitted;
     let mut out =
         vec![step(study, "declared".to_owned(), &found.base.structure, (base, base), &[])];
+    if let (Some(function), Some(unlisted)) = (&found.function, &found.unlisted) {
+        let name = format!("function of {}", unlisted.variable.name());
+        out.push(step(study, name, &function.structure, (&function.fitted, base), &[]));
+    }
     for added in found.steps.iter().map(|step| &step.added) {
         let (id, structure, fitted) =
             (added.sited.effect.id, &added.model.structure, &added.model.fitted);
@@ -167,7 +203,7 @@ fn step(
 }
 
 /// Validation of all candidates, round by round.
-fn candidates(found: &SearchResult) -> Vec<CandidateGain> {
+fn candidates(found: &SearchResult<'_>) -> Vec<CandidateGain> {
     let row = |round: usize, generic: bool, c: &Validation, screened_only: bool| CandidateGain {
         round,
         id: if screened_only { format!("{} (screened)", c.id) } else { c.id.to_owned() },

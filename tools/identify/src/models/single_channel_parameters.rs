@@ -8,7 +8,7 @@ use crate::selection::candidates::FittedModel;
 /// Parameters of the effect at one place of a fitted structure.
 pub(super) fn effect_parameters(
     regression: &RegressionModel,
-    model: &FittedModel,
+    model: &FittedModel<'_>,
     at: usize,
 ) -> Vec<EffectParameter> {
     let FittedModel { structure, fitted, .. } = model;
@@ -61,7 +61,7 @@ fn lifted(regression: &RegressionModel, fitted: &Fitted, which: Declared) -> (f6
 /// Declared parameters, as fitted.
 pub(super) fn parameters(
     regression: &RegressionModel,
-    model: &FittedModel,
+    model: &FittedModel<'_>,
 ) -> Vec<FittedParameter> {
     let last = &model.fitted;
     let mut out: Vec<FittedParameter> = regression

@@ -12,7 +12,7 @@ pub(super) struct Study<'a> {
     /// Rows by role.
     pub(super) blocks: Vec<Block>,
     /// What the search found.
-    pub(super) found: SearchResult,
+    pub(super) found: SearchResult<'a>,
     /// Column of the measured channel.
     pub(super) channel: &'static str,
     /// Notes on the data.

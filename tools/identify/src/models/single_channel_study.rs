@@ -17,7 +17,7 @@ use crate::outcome::Outcome;
 use crate::prediction_error::record::rms;
 use crate::regression::{Gram, solve};
 use crate::selection::predictor::Predictor;
-use crate::selection::search::search;
+use crate::selection::search::{functions, search};
 
 /// Blocks of one record last at least this long (s), and at least this many periods of the cut-off.
 const BLOCK_S: f64 = 0.4;
@@ -31,6 +31,10 @@ const FEWEST_SELECTING: usize = 3;
 /// A parameter that differs from its declared value by this factor indicates a wrong unit.
 const UNIT_FACTOR: f64 = 30.0;
 
+/// A mass that is negative by less than this share of the declared one, once gravity, a spring and
+/// dry friction may take their part, is not of the wrong sign.
+const LEAST_EXCUSED: f64 = 0.2;
+
 /// Splits the records, searches and concludes.
 pub(super) fn study(
     predictor: Predictor<'_>,
@@ -40,7 +44,8 @@ pub(super) fn study(
 ) -> Result<(Outcome, Page)> {
     let regression = predictor.regression();
     let blocks = blocks(regression, records, options.seed)?;
-    let found = search(&predictor, &blocks).ok_or_else(|| {
+    let functions = functions(&predictor, &blocks);
+    let found = search(&predictor, &blocks, &functions).ok_or_else(|| {
         let files: Vec<&str> = records.iter().map(|r| r.file.as_str()).collect();
         let columns: Vec<&str> = regression.parameters.iter().map(|p| p.name.as_str()).collect();
         IdentifyError::Unusable(format!(
@@ -200,7 +205,7 @@ pub(super) fn check_scale(
             Err(IdentifyError::channel(&balance.name, channel, found, advice))
         };
         let unit = parameter.unit;
-        if ratio < 0.0 {
+        if ratio < 0.0 && !is_excused(regression, balance, parameter) {
             let advice =
                 "both channels must be positive in the same direction: change the sign of one";
             return fault(format!("{what} of {found:.4} {unit}"), advice);
@@ -211,6 +216,33 @@ pub(super) fn check_scale(
         }
     }
     Ok(())
+}
+
+/// Whether a mass of the wrong sign is that of a machine with gravity, a spring or dry friction that
+/// are not declared: beside their columns it is positive, or small.
+fn is_excused(regression: &RegressionModel, balance: &ForceBalance, parameter: &Parameter) -> bool {
+    if parameter.column != Column::Acceleration || regression.axis.spring {
+        return false;
+    }
+    let s = &balance.signals;
+    let of_position = |function: fn(f64) -> f64| {
+        let full: Vec<f64> = s.position.iter().copied().map(function).collect();
+        s.low_passed_rows(&full)
+    };
+    let mut columns = vec![
+        s.rows(&s.acceleration),
+        s.rows(&s.velocity),
+        vec![1.0; balance.rows()],
+        s.low_passed_rows(&s.sign(0.05 * regression.axis.velocity_rms)),
+        s.rows(&s.position),
+    ];
+    if regression.axis.rotary {
+        columns.extend([of_position(f64::sin), of_position(f64::cos)]);
+    }
+    let mut gram = Gram::empty(columns.len());
+    gram.add(&columns, &balance.force, 0..balance.rows());
+    solve(&gram, &vec![(f64::NEG_INFINITY, f64::INFINITY); columns.len()])
+        .is_some_and(|fit| fit.coefficients[0] > -LEAST_EXCUSED * parameter.declared)
 }
 
 /// Assigns roles: whole records if there are enough, else blocks of the record.

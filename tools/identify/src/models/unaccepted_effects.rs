@@ -19,9 +19,11 @@ fn shows(c: &Validation) -> bool {
     c.gain_percent >= LEAST_PERCENT && c.t >= LEAST_T && c.better > c.worse
 }
 
-/// Visible candidates of the last round.
-fn visible<'a>(study: &'a Study<'_>) -> impl Iterator<Item = &'a FittedCandidate> {
-    study.found.last_round.iter().filter(|c| !c.screened_only && shows(&c.validation))
+/// Visible candidates of the last round, and effects that were withdrawn.
+fn visible<'a>(study: &'a Study<'_>) -> impl Iterator<Item = &'a FittedCandidate<'a>> {
+    let withdrawn = study.found.withdrawn.iter().map(|step| &step.added);
+    let rest = study.found.last_round.iter().chain(withdrawn);
+    rest.filter(|c| !c.screened_only && shows(&c.validation))
 }
 
 /// Notes on time shifts that sampling explains.
@@ -40,7 +42,7 @@ pub(super) fn sampling_delay_notes(study: &Study<'_>) -> impl Iterator<Item = St
 }
 
 /// Rms of what a candidate changes on some rows: of its force, or of the simulated output.
-fn size(study: &Study<'_>, candidate: &FittedCandidate, blocks: &[Block]) -> f64 {
+fn size(study: &Study<'_>, candidate: &FittedCandidate<'_>, blocks: &[Block]) -> f64 {
     let with = &candidate.model.fitted;
     match &study.predictor {
         Predictor::EquationError(regression) => {

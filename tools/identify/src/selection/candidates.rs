@@ -19,16 +19,16 @@ pub struct SitedEffect {
 
 /// A model with some effects, fitted.
 #[derive(Clone)]
-pub struct FittedModel {
+pub struct FittedModel<'f> {
     /// Its effects.
-    pub structure: Structure<'static>,
+    pub structure: Structure<'f>,
     /// Its fit: of the output error where the output is simulated.
     pub fitted: Fitted,
     /// Its equation-error fit, where the output is simulated.
     pub equation_error_fit: Option<Fitted>,
 }
 
-impl FittedModel {
+impl FittedModel<'_> {
     /// The fit that screening starts from.
     pub fn equation_error_fit(&self) -> &Fitted {
         self.equation_error_fit.as_ref().unwrap_or(&self.fitted)
@@ -37,13 +37,13 @@ impl FittedModel {
 
 /// A candidate, fitted beside the current model and validated.
 #[derive(Clone)]
-pub struct FittedCandidate {
+pub struct FittedCandidate<'f> {
     /// The effect.
     pub sited: SitedEffect,
     /// Its validation.
     pub validation: Validation,
     /// The model with it.
-    pub model: FittedModel,
+    pub model: FittedModel<'f>,
     /// Mean squared residual of each selecting block.
     pub block_errors: Vec<f64>,
     /// Whether it was screened by its equation error only, where models are simulated: it cannot
@@ -51,7 +51,7 @@ pub struct FittedCandidate {
     pub screened_only: bool,
 }
 
-impl FittedCandidate {
+impl FittedCandidate<'_> {
     /// Decrease of the logarithm of the error.
     fn log_gain(&self) -> f64 {
         -(1.0 - self.validation.gain_percent / 100.0).max(1e-12).ln()
@@ -85,7 +85,8 @@ pub fn candidates(
     let mut list: Vec<SitedEffect> = ALL
         .iter()
         .filter_map(sited)
-        .filter(|c| !has(regression, added, c.effect.id) && (c.effect.applies)(&regression.axis))
+        .filter(|c| c.effect.repeats || !has(regression, added, c.effect.id))
+        .filter(|c| (c.effect.applies)(&regression.axis))
         .filter(|c| c.effect.needs.iter().all(|need| has(regression, added, need)))
         .filter(|c| {
             !regression.frees(c.effect) || c.effect.lifts.map(Column::of).is_some_and(at_edge)
@@ -113,10 +114,10 @@ fn freedom(regression: &RegressionModel, sited: &SitedEffect) -> usize {
 pub fn best_accepted(
     regression: &RegressionModel,
     added: &[SitedEffect],
-    tried: &[FittedCandidate],
+    tried: &[FittedCandidate<'_>],
 ) -> Option<usize> {
     let top = tried.iter().find(|t| t.validation.accepted)?.log_gain();
-    let is_near = |t: &FittedCandidate| t.validation.accepted && t.log_gain() >= RIVAL * top;
+    let is_near = |t: &FittedCandidate<'_>| t.validation.accepted && t.log_gain() >= RIVAL * top;
     let best = (0..tried.len())
         .filter(|i| is_near(&tried[*i]))
         .min_by_key(|i| freedom(regression, &tried[*i].sited))?;
@@ -134,7 +135,7 @@ pub fn best_accepted(
 /// it.
 pub fn equally_good(
     regression: &RegressionModel,
-    tried: &[FittedCandidate],
+    tried: &[FittedCandidate<'_>],
     best: usize,
 ) -> Vec<SitedEffect> {
     let winner = &tried[best];

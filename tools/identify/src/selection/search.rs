@@ -1,278 +1,84 @@
-//! Stepwise selection of effects, validated on rows that took no part in the fit.
-//!
-//! Where the output is simulated, candidates are screened by their equation error, and the best few
-//! are simulated, fitted to the output and validated by it.
+//! What the declared model lacks: forward selection, and the models that compete with its result.
 
-use std::sync::Arc;
-
-use rayon::prelude::*;
-
-use super::candidates::{
-    FittedCandidate, FittedModel, SitedEffect, best_accepted, candidates, equally_good,
-};
+use super::adequacy::Adequacy;
+use super::candidates::{FittedCandidate, FittedModel};
+use super::forward_selection::{Choice, Search, Selection, SelectionStep};
+use super::nonparametric::{NonparametricFit, Unlisted};
 use super::predictor::Predictor;
-use super::validation::{LEAST_T, Validation, validate};
+use super::validation::validate;
 use crate::effects::Regressor;
 use crate::equation_error::block_roles::{Block, Role, blocks_of_role};
 use crate::equation_error::fit::ShapeSearch;
-use crate::equation_error::model::{Fitted, Structure};
+use crate::equation_error::model::Structure;
 use crate::equation_error::spline::{Spline, Variable};
-use crate::output_error::fit::OutputErrorModel;
-use crate::output_error::simulation::can_simulate;
 
-/// Most effects that are added: more would be curve fitting, not an explanation.
-const MOST_EFFECTS: usize = 3;
-/// Number of screened candidates that are simulated.
-const REFINED: usize = 4;
-/// Least gain of a nonparametric function in screening for which it is simulated (%).
-const LEAST_NONPARAMETRIC_PERCENT: f64 = 3.0;
+/// Least gain of a model with a nonparametric function over the listed effects alone, from which it
+/// takes their place (%).
+const LEAST_FUNCTION_PERCENT: f64 = 30.0;
+/// Least gain of an effect beside a nonparametric function (%): the function has taken a part of
+/// what an effect would explain, and could take the rest in another form.
+const LEAST_BESIDE_PERCENT: f64 = 25.0;
 
-/// A validated candidate of a round.
-pub struct Ranked {
-    /// Its validation.
-    pub validation: Validation,
-    /// Whether it was screened by its equation error only.
-    pub screened_only: bool,
-}
-
-/// One step of the search: the validated candidates, and the effect that was added.
-pub struct SelectionStep {
-    /// All candidates, best first; those that were only screened come last.
-    pub ranking: Vec<Ranked>,
-    /// The effect that was added, with the model after it.
-    pub added: FittedCandidate,
-    /// Rivals: equally good effects that add nothing to the winner.
-    pub rivals: Vec<SitedEffect>,
-}
-
-/// A residual that no listed effect explains, as a function of one variable.
-#[derive(Clone, Debug)]
-pub struct Unlisted {
-    /// What it depends on.
-    pub variable: Variable,
-    /// Abscissa, force, standard deviation.
-    pub table: Vec<[f64; 3]>,
-}
-
-impl Unlisted {
-    /// The table of a fitted spline, whose amplitudes are the last of the model.
-    fn new(variable: Variable, spline: &Spline, fitted: &Fitted) -> Self {
-        let from = fitted.fit.coefficients.len() - spline.knots.len();
-        let row = |(i, knot): (usize, &f64)| {
-            [*knot, fitted.fit.coefficients[from + i], fitted.std[from + i]]
-        };
-        Self { variable, table: spline.knots.iter().enumerate().map(row).collect() }
-    }
-}
-
-/// A nonparametric function of one variable, fitted beside the model.
-pub struct NonparametricFit {
-    /// Its validation.
-    pub validation: Validation,
-    /// Its table.
-    pub unlisted: Unlisted,
-    /// Rms of its force on the selection rows.
-    pub size: f64,
-    /// Whether it was screened by its equation error only.
-    pub screened_only: bool,
-}
+/// All effects are candidates.
+const ANY: Choice = Choice { allowed: |_, _| true, least_percent: 0.0 };
 
 /// What the search found.
-pub struct SearchResult {
+pub struct SearchResult<'f> {
     /// The declared model, fitted within its tolerances.
-    pub base: FittedModel,
+    pub base: FittedModel<'f>,
+    /// The declared model with the nonparametric function that takes the place of listed effects;
+    /// the effects were added to it.
+    pub function: Option<FittedModel<'f>>,
     /// Effects in the order in which they were added.
-    pub steps: Vec<SelectionStep>,
+    pub steps: Vec<SelectionStep<'f>>,
+    /// Effects that were withdrawn, because most of the error is left with them.
+    pub withdrawn: Vec<SelectionStep<'f>>,
     /// Listed candidates of the last round, in which none was added.
-    pub last_round: Vec<FittedCandidate>,
-    /// Nonparametric functions of one variable, best first.
+    pub last_round: Vec<FittedCandidate<'f>>,
+    /// Nonparametric functions of one variable beside the last model, best first.
     pub nonparametric: Vec<NonparametricFit>,
-    /// The best of them, where it passes.
+    /// The function that takes the place of listed effects, or the best of those beside the last
+    /// model, where it passes.
     pub unlisted: Option<Unlisted>,
+    /// How much of the error is left, and how it is correlated.
+    pub adequacy: Adequacy,
 }
 
-impl SearchResult {
+impl<'f> SearchResult<'f> {
     /// The model with all effects that were added.
-    pub fn last(&self) -> &FittedModel {
-        self.steps.last().map_or(&self.base, |step| &step.added.model)
+    pub fn last(&self) -> &FittedModel<'f> {
+        let steps = self.steps.last().map(|step| &step.added.model);
+        steps.or(self.function.as_ref()).unwrap_or(&self.base)
+    }
+
+    /// Whether no model that was tried describes the records.
+    pub fn is_inadequate(&self) -> bool {
+        self.steps.is_empty()
+            && self.unlisted.is_none()
+            && (!self.withdrawn.is_empty() || self.adequacy.is_coloured())
     }
 }
 
-struct Search<'a> {
-    predictor: &'a Predictor<'a>,
-    fit: Vec<Block>,
-    select: Vec<Block>,
+/// Nonparametric functions, with knots over the fitting rows, that may take the place of listed
+/// effects.
+pub fn functions(predictor: &Predictor<'_>, blocks: &[Block]) -> Vec<Spline> {
+    let search = Search::new(predictor, blocks);
+    let variables = Variable::ALL.into_iter().filter(|variable| *variable != Variable::Time);
+    variables.filter_map(|variable| search.function_of(variable)).collect()
 }
 
-impl Search<'_> {
-    const fn screening(&self) -> Predictor<'_> {
-        Predictor::EquationError(self.predictor.regression())
-    }
-
-    /// Fits one candidate's equation error on the fitting blocks and validates it on the selecting
-    /// ones.
-    fn screen_one(
-        &self,
-        current: &FittedModel,
-        sited: SitedEffect,
-        before: &[f64],
-        model: &Arc<Vec<Vec<f64>>>,
-    ) -> Option<FittedCandidate> {
-        let regression = self.predictor.regression();
-        // A simulation refines what the screening leaves coarse.
-        let shape_search = match self.predictor {
-            Predictor::EquationError(_) => ShapeSearch::Refine,
-            Predictor::OutputError(_) => ShapeSearch::GridOnly,
-        };
-        let mut structure = current.structure.clone();
-        structure.effects.push(sited.effect);
-        structure.model = Arc::clone(model);
-        let shapes = &current.equation_error_fit().shapes;
-        let mut fitted = regression.fit(&structure, &self.fit, shapes, shape_search)?;
-        if structure.effects.iter().any(|e| e.declaration().uses_model) {
-            // The predicted force was that of the model without the effect.
-            structure.model = Arc::new(regression.force(&structure, &fitted));
-            fitted = regression.fit(&structure, &self.fit, &fitted.shapes, shape_search)?;
-        }
-        let block_errors = self.screening().mean_squares(&fitted, &self.select);
-        let mut validation = validate(sited.effect.id, before, &block_errors);
-        validation.accepted &= regression.sampling_delay(&structure, &fitted).is_none();
-        let model = FittedModel { structure, fitted, equation_error_fit: None };
-        Some(FittedCandidate { sited, validation, model, block_errors, screened_only: false })
-    }
-
-    /// Tries every candidate, in parallel on the current thread pool; best first.
-    fn try_all(&self, current: &FittedModel, candidates: &[SitedEffect]) -> Vec<FittedCandidate> {
-        let (regression, fitted) = (self.predictor.regression(), current.equation_error_fit());
-        let before = self.screening().mean_squares(fitted, &self.select);
-        let model = Arc::new(regression.force(&current.structure, fitted));
-        let screen = |sited: &SitedEffect| self.screen_one(current, *sited, &before, &model);
-        let mut screened: Vec<FittedCandidate> = candidates.par_iter().filter_map(screen).collect();
-        best_first(&mut screened);
-        match self.predictor {
-            Predictor::EquationError(_) => screened,
-            Predictor::OutputError(simulation) => self.simulate_best(simulation, current, screened),
-        }
-    }
-
-    /// Simulates the best screened candidates: they come first.
-    fn simulate_best(
-        &self,
-        simulation: &OutputErrorModel<'_>,
-        current: &FittedModel,
-        screened: Vec<FittedCandidate>,
-    ) -> Vec<FittedCandidate> {
-        let before = self.predictor.mean_squares(&current.fitted, &self.select);
-        let promising: Vec<&FittedCandidate> = screened
-            .iter()
-            .filter(|t| t.validation.t >= LEAST_T && t.validation.gain_percent > 0.0)
-            .take(REFINED)
-            .collect();
-        let simulate = |candidate: &FittedCandidate| {
-            let FittedModel { structure, fitted: equation_error_fit, .. } = candidate.model.clone();
-            let start = starting_point(&equation_error_fit, &current.fitted);
-            let fitted = simulation.fit(&structure, &self.fit, &start, &[])?;
-            let block_errors = self.predictor.mean_squares(&fitted, &self.select);
-            let mut validation = validate(candidate.validation.id, &before, &block_errors);
-            validation.accepted &=
-                simulation.regression.sampling_delay(&structure, &fitted).is_none();
-            let equation_error_fit = Some(equation_error_fit);
-            let model = FittedModel { structure, fitted, equation_error_fit };
-            let sited = candidate.sited;
-            Some(FittedCandidate { sited, validation, model, block_errors, screened_only: false })
-        };
-        let mut simulated: Vec<FittedCandidate> =
-            promising.into_par_iter().filter_map(simulate).collect();
-        best_first(&mut simulated);
-        for mut candidate in screened {
-            if simulated.iter().all(|own| own.validation.id != candidate.validation.id) {
-                candidate.validation.accepted = false;
-                simulated.push(FittedCandidate { screened_only: true, ..candidate });
-            }
-        }
-        simulated
-    }
-
-    /// Returns at most two equally good candidates that add nothing to the winner.
-    fn rivals(&self, winner: &FittedCandidate, equally_good: Vec<SitedEffect>) -> Vec<SitedEffect> {
-        if equally_good.is_empty() {
-            return equally_good;
-        }
-        let beside = self.try_all(&winner.model, &equally_good);
-        let adds = |c: &SitedEffect| {
-            beside.iter().any(|b| b.validation.id == c.effect.id && b.validation.accepted)
-        };
-        equally_good.into_iter().filter(|c| !adds(c)).take(2).collect()
-    }
-
-    /// Fits nonparametric functions of one variable to the residual; best first.
-    fn nonparametric(&self, current: &FittedModel) -> Vec<NonparametricFit> {
-        let one = |variable: Variable| self.nonparametric_in(current, variable);
-        let mut tried: Vec<NonparametricFit> = Variable::ALL.into_iter().filter_map(one).collect();
-        let gain = |tried: &NonparametricFit| tried.validation.gain_percent;
-        tried.sort_by(|a, b| {
-            a.screened_only.cmp(&b.screened_only).then(gain(b).total_cmp(&gain(a)))
-        });
-        tried
-    }
-
-    fn nonparametric_in(
-        &self,
-        current: &FittedModel,
-        variable: Variable,
-    ) -> Option<NonparametricFit> {
-        let (regression, known) = (self.predictor.regression(), current.equation_error_fit());
-        let spline = Spline::over(variable, regression.balances.iter().map(|b| &b.signals))?;
-        let effects =
-            current.structure.effects.iter().copied().chain([&spline as &dyn Regressor]).collect();
-        let wider = Structure { effects, model: Arc::clone(&current.structure.model) };
-        // Shapes are held: a spline must not compensate for a worse smoothing speed.
-        let fitted = regression.fit(&wider, &self.fit, &known.shapes, ShapeSearch::Fixed)?;
-        let [before, after] =
-            [known, &fitted].map(|fitted| self.screening().mean_squares(fitted, &self.select));
-        let screened = NonparametricFit {
-            validation: validate(variable.name(), &before, &after),
-            unlisted: Unlisted::new(variable, &spline, &fitted),
-            size: regression.size_of_last(&fitted, spline.knots.len(), &self.select),
-            screened_only: false,
-        };
-        let Predictor::OutputError(simulation) = self.predictor else { return Some(screened) };
-        let Validation { t, gain_percent, .. } = screened.validation;
-        let shows = t >= LEAST_T && gain_percent > LEAST_NONPARAMETRIC_PERCENT;
-        let start = starting_point(&fitted, &current.fitted);
-        let simulate = || simulation.fit(&wider, &self.fit, &start, &[]);
-        let simulated = (shows && spline.is_force()).then(simulate).flatten();
-        let Some(fitted) = simulated else {
-            let validation = Validation { accepted: false, ..screened.validation };
-            return Some(NonparametricFit { validation, screened_only: true, ..screened });
-        };
-        let [before, after] = [&current.fitted, &fitted]
-            .map(|fitted| self.predictor.mean_squares(fitted, &self.select));
-        let validation = validate(variable.name(), &before, &after);
-        let unlisted = Unlisted::new(variable, &spline, &fitted);
-        Some(NonparametricFit { validation, unlisted, ..screened })
-    }
-}
-
-fn best_first(tried: &mut [FittedCandidate]) {
-    tried.sort_by(|a, b| b.validation.gain_percent.total_cmp(&a.validation.gain_percent));
-}
-
-/// Starts known parameters at the simulated model's values, new ones at the screening's.
-fn starting_point(equation_error_fit: &Fitted, known: &Fitted) -> Fitted {
-    let mut start = equation_error_fit.clone();
-    for (to, from) in start.fit.coefficients.iter_mut().zip(known.fit.coefficients.iter()) {
-        *to = *from;
-    }
-    start.shapes[1..known.shapes.len()].copy_from_slice(&known.shapes[1..]);
-    start
-}
-
-/// Greedy search: the best accepted candidate is added and all is fitted again, until none passes
-/// or `MOST_EFFECTS` are in. `None` where not even the declared model can be fitted.
-pub fn search(predictor: &Predictor<'_>, blocks: &[Block]) -> Option<SearchResult> {
-    let [fit, select] = [Role::Fit, Role::Select].map(|role| blocks_of_role(blocks, role));
-    let search = Search { predictor, fit, select };
+/// Searches the effects that the declared model lacks. `None` where not even the declared model can
+/// be fitted.
+///
+/// Where the error is that of a force, two further models compete with the result of the forward
+/// selection: without effects that take a part of the measured force away, and with a nonparametric
+/// function in place of listed effects.
+pub fn search<'f>(
+    predictor: &Predictor<'_>,
+    blocks: &[Block],
+    functions: &'f [Spline],
+) -> Option<SearchResult<'f>> {
+    let search = Search::new(predictor, blocks);
     let (regression, structure) = (predictor.regression(), Structure::default());
     let fitted = regression.fit(&structure, &search.fit, &[], ShapeSearch::Refine)?;
     let base = match predictor {
@@ -283,100 +89,89 @@ pub fn search(predictor: &Predictor<'_>, blocks: &[Block]) -> Option<SearchResul
             structure,
         },
     };
-    let mut steps: Vec<SelectionStep> = Vec::new();
-    let last_round = loop {
-        let current = steps.last().map_or(&base, |step| &step.added.model);
-        let added: Vec<SitedEffect> = steps.iter().map(|step| step.added.sited).collect();
-        let mut list = candidates(regression, &added, &current.fitted);
-        if let Predictor::OutputError(_) = predictor {
-            list.retain(|c| regression.frees(c.effect) || can_simulate(c.effect));
+    let mut selection = search.forward(&base, ANY);
+    let (mut function, mut unlisted) = (None, None);
+    if let Predictor::EquationError(_) = predictor {
+        selection = search.without_altered_target(&base, selection);
+        if let Some((model, of, beside)) = search.beside_function(&base, &selection, functions) {
+            (function, unlisted, selection) = (Some(model), Some(of), beside);
         }
-        let mut tried = search.try_all(current, &list);
-        let below_limit = steps.len() < MOST_EFFECTS;
-        let Some(best) = best_accepted(regression, &added, &tried).filter(|_| below_limit) else {
-            break tried;
-        };
-        let rivals = search.rivals(&tried[best], equally_good(regression, &tried, best));
-        let ranked = |tried: &FittedCandidate| Ranked {
-            validation: tried.validation.clone(),
-            screened_only: tried.screened_only,
-        };
-        let ranking = tried.iter().map(ranked).collect();
-        steps.push(SelectionStep { ranking, added: tried.swap_remove(best), rivals });
+    }
+    let Selection { steps, last_round } = selection;
+    let mut found = SearchResult {
+        base,
+        function,
+        steps,
+        withdrawn: Vec::new(),
+        last_round,
+        nonparametric: Vec::new(),
+        unlisted,
+        adequacy: Adequacy::default(),
     };
-    let nonparametric = search.nonparametric(steps.last().map_or(&base, |step| &step.added.model));
-    let unlisted = nonparametric.iter().find(|g| g.validation.accepted).map(|g| g.unlisted.clone());
-    Some(SearchResult { base, steps, last_round, nonparametric, unlisted })
+    found.nonparametric = search.nonparametric(found.last());
+    let best = found.nonparametric.iter().find(|function| function.validation.accepted);
+    found.unlisted = found.unlisted.or_else(|| best.map(|best| best.unlisted.clone()));
+    let report = blocks_of_role(blocks, Role::Report);
+    found.adequacy = Adequacy::of(predictor, (&found.base, found.last()), &search.select, &report);
+    if found.function.is_none() && !found.steps.is_empty() && found.adequacy.leaves_most() {
+        found.withdrawn = std::mem::take(&mut found.steps);
+    }
+    Some(found)
 }
 
-#[cfg(test)]
-mod tests {
-    use nalgebra::DVector;
-
-    use super::*;
-    use crate::effects::{Axis, Effect, Units};
-    use crate::equation_error::model::RegressionModel;
-    use crate::regression::Fit;
-
-    #[test]
-    fn a_gain_on_one_block_alone_is_not_accepted() {
-        let before = [1.0; 10];
-        let mut after = [1.0; 10];
-        after[3] = 0.0;
-        assert!(!validate("x", &before, &after).accepted, "5 % only");
-        let before = [1.0, 1.0, 1.0, 1.0, 9.0];
-        let after = [1.0, 1.0, 1.0, 1.0, 1.0];
-        let validation = validate("x", &before, &after);
-        assert!(validation.gain_percent > 30.0 && !validation.accepted, "{validation:?}");
+impl<'a> Search<'a> {
+    fn new(predictor: &'a Predictor<'a>, blocks: &[Block]) -> Self {
+        let [fit, select] = [Role::Fit, Role::Select].map(|role| blocks_of_role(blocks, role));
+        Self { predictor, fit, select }
     }
 
-    #[test]
-    fn a_uniform_gain_is_accepted_and_a_loss_is_not() {
-        let before: Vec<f64> = (0..10).map(|i| 1.0 + 0.1 * f64::from(i % 3)).collect();
-        let after: Vec<f64> = before.iter().map(|b| 0.7 * b).collect();
-        assert!(validate("x", &before, &after).accepted);
-        assert!(!validate("x", &after, &before).accepted);
+    /// Keeps an effect that takes a part of the measured force away only if the selection without
+    /// such effects explains clearly less of what each leaves to be explained.
+    fn without_altered_target<'f>(
+        &self,
+        base: &FittedModel<'f>,
+        with: Selection<'f>,
+    ) -> Selection<'f> {
+        let axis = &self.predictor.regression().axis;
+        if !with.steps.iter().any(|step| step.added.sited.effect.alters_target(axis)) {
+            return with;
+        }
+        let allowed = Choice { allowed: |effect, axis| !effect.alters_target(axis), ..ANY };
+        let without = self.forward(base, allowed);
+        let [after, before] =
+            [&with, &without].map(|selection| self.relative_errors(selection.last(base)));
+        if validate("", &before, &after).accepted { with } else { without }
     }
 
-    static PANICKING: Effect = Effect {
-        id: "panicking",
-        sites: &["master"],
-        words: "nothing",
-        experiment: "none",
-        terms: |_| panic!("a defect of an effect"),
-        ..Effect::NONE
-    };
-
-    #[test]
-    #[should_panic(expected = "a defect of an effect")]
-    fn a_panic_of_a_candidate_is_propagated() {
-        let axis = Axis {
-            units: Units::LINEAR,
-            rotary: false,
-            turn: None,
-            spring: false,
-            commanded: true,
-            positions: (0.0, 1.0),
-            velocity_rms: 1.0,
-            velocity_peak: 1.0,
-            force_rms: 1.0,
-            force_peak: 1.0,
-            seconds: 1.0,
-            cut_off: 40.0,
+    /// The declared model with the best nonparametric function and effects beside it, where that
+    /// explains clearly more than listed effects alone.
+    fn beside_function<'f>(
+        &self,
+        base: &FittedModel<'f>,
+        listed: &Selection<'f>,
+        functions: &'f [Spline],
+    ) -> Option<(FittedModel<'f>, Unlisted, Selection<'f>)> {
+        let regression = self.predictor.regression();
+        let with = |function: &'f Spline| {
+            let effects = vec![function as &dyn Regressor];
+            let structure = Structure { effects, ..Structure::default() };
+            let fitted = regression.fit(&structure, &self.fit, &[], ShapeSearch::Refine)?;
+            let model = FittedModel { structure, fitted, equation_error_fit: None };
+            let error: f64 = self.relative_errors(&model).iter().sum();
+            Some((error, function, model))
         };
-        let regression = RegressionModel {
-            balances: Vec::new(),
-            parameters: Vec::new(),
-            axis,
-            sites: &["master"],
+        let fitted = functions.iter().filter_map(with);
+        let (_, function, model) = fitted.min_by(|a, b| a.0.total_cmp(&b.0))?;
+        let allowed = Choice {
+            allowed: |effect, _| effect.beside_functions,
+            least_percent: LEAST_BESIDE_PERCENT,
         };
-        let fit = Fit { coefficients: DVector::zeros(0), at_bound: Vec::new(), squares: 0.0 };
-        let (std, columns, outputs) = (Vec::new(), Vec::new(), Vec::new());
-        let fitted = Fitted { fit, std, shapes: vec![0.1], columns, outputs };
-        let current =
-            FittedModel { structure: Structure::default(), fitted, equation_error_fit: None };
-        let predictor = Predictor::EquationError(&regression);
-        let search = Search { predictor: &predictor, fit: Vec::new(), select: Vec::new() };
-        search.try_all(&current, &[SitedEffect { effect: &PANICKING, site: "master" }]);
+        let beside = self.forward(&model, allowed);
+        let [before, after] =
+            [listed.last(base), beside.last(&model)].map(|model| self.relative_errors(model));
+        let validation = validate(function.variable().name(), &before, &after);
+        let takes_over = validation.accepted && validation.gain_percent >= LEAST_FUNCTION_PERCENT;
+        let unlisted = Unlisted::new(function.variable(), function, &model.fitted);
+        takes_over.then_some((model, unlisted, beside))
     }
 }

@@ -1,0 +1,108 @@
+//! Nonparametric functions of one variable, fitted beside a model.
+
+use std::sync::Arc;
+
+use super::candidates::FittedModel;
+use super::forward_selection::{Search, starting_point};
+use super::predictor::Predictor;
+use super::validation::{LEAST_T, Validation, validate};
+use crate::effects::Regressor;
+use crate::equation_error::fit::ShapeSearch;
+use crate::equation_error::model::{Fitted, Structure};
+use crate::equation_error::spline::{Spline, Variable};
+
+/// Least gain of a nonparametric function in screening for which it is simulated (%).
+const LEAST_NONPARAMETRIC_PERCENT: f64 = 3.0;
+
+/// A residual that no listed effect explains, as a function of one variable.
+#[derive(Clone, Debug)]
+pub struct Unlisted {
+    /// What it depends on.
+    pub variable: Variable,
+    /// Abscissa, force, standard deviation.
+    pub table: Vec<[f64; 3]>,
+}
+
+impl Unlisted {
+    /// The table of a fitted spline, whose amplitudes are the last of the model.
+    pub(super) fn new(variable: Variable, spline: &Spline, fitted: &Fitted) -> Self {
+        let from = fitted.fit.coefficients.len() - spline.knots.len();
+        let row = |(i, knot): (usize, &f64)| {
+            [*knot, fitted.fit.coefficients[from + i], fitted.std[from + i]]
+        };
+        Self { variable, table: spline.knots.iter().enumerate().map(row).collect() }
+    }
+}
+
+/// A nonparametric function of one variable, fitted beside the model.
+pub struct NonparametricFit {
+    /// Its validation.
+    pub validation: Validation,
+    /// Its table.
+    pub unlisted: Unlisted,
+    /// Rms of its force on the selection rows.
+    pub size: f64,
+    /// Whether it was screened by its equation error only.
+    pub screened_only: bool,
+}
+
+impl Search<'_> {
+    /// A function of a variable with knots over the fitted rows; `None` if it does not vary.
+    pub(super) fn function_of(&self, variable: Variable) -> Option<Spline> {
+        let balances = &self.predictor.regression().balances;
+        let mut values = Vec::new();
+        for block in &self.fit {
+            let signals = &balances[block.record].signals;
+            values.extend_from_slice(&signals.rows(variable.values(signals))[block.rows.clone()]);
+        }
+        Spline::over(variable, values)
+    }
+
+    /// Fits nonparametric functions of one variable to the residual; best first.
+    pub(super) fn nonparametric(&self, current: &FittedModel<'_>) -> Vec<NonparametricFit> {
+        let one = |variable: Variable| self.nonparametric_in(current, variable);
+        let mut tried: Vec<NonparametricFit> = Variable::ALL.into_iter().filter_map(one).collect();
+        let gain = |tried: &NonparametricFit| tried.validation.gain_percent;
+        tried.sort_by(|a, b| {
+            a.screened_only.cmp(&b.screened_only).then(gain(b).total_cmp(&gain(a)))
+        });
+        tried
+    }
+
+    fn nonparametric_in(
+        &self,
+        current: &FittedModel<'_>,
+        variable: Variable,
+    ) -> Option<NonparametricFit> {
+        let (regression, known) = (self.predictor.regression(), current.equation_error_fit());
+        let spline = self.function_of(variable)?;
+        let effects =
+            current.structure.effects.iter().copied().chain([&spline as &dyn Regressor]).collect();
+        let wider = Structure { effects, model: Arc::clone(&current.structure.model) };
+        // Shapes are held: a spline must not compensate for a worse smoothing speed.
+        let fitted = regression.fit(&wider, &self.fit, &known.shapes, ShapeSearch::Fixed)?;
+        let [before, after] =
+            [known, &fitted].map(|fitted| self.screening().mean_squares(fitted, &self.select));
+        let screened = NonparametricFit {
+            validation: validate(variable.name(), &before, &after),
+            unlisted: Unlisted::new(variable, &spline, &fitted),
+            size: regression.size_of_last(&fitted, spline.knots.len(), &self.select),
+            screened_only: false,
+        };
+        let Predictor::OutputError(simulation) = self.predictor else { return Some(screened) };
+        let Validation { t, gain_percent, .. } = screened.validation;
+        let shows = t >= LEAST_T && gain_percent > LEAST_NONPARAMETRIC_PERCENT;
+        let start = starting_point(&fitted, &current.fitted);
+        let simulate = || simulation.fit(&wider, &self.fit, &start, &[]);
+        let simulated = (shows && spline.is_force()).then(simulate).flatten();
+        let Some(fitted) = simulated else {
+            let validation = Validation { accepted: false, ..screened.validation };
+            return Some(NonparametricFit { validation, screened_only: true, ..screened });
+        };
+        let [before, after] = [&current.fitted, &fitted]
+            .map(|fitted| self.predictor.mean_squares(fitted, &self.select));
+        let validation = validate(variable.name(), &before, &after);
+        let unlisted = Unlisted::new(variable, &spline, &fitted);
+        Some(NonparametricFit { validation, unlisted, ..screened })
+    }
+}
