@@ -52,23 +52,14 @@ struct Set {
     unlisted: &'static [&'static str],
     /// What is plainly wrong, with the reason. Any other name that is not expected is wrong, too.
     wrong: &'static [(&'static str, &'static str)],
-    /// A fault that is known, with its reason: it must go on failing until it is taken out here.
-    known: Option<(Fault, &'static str)>,
     /// The first rows of each record that take part.
     rows: usize,
 }
 
 impl Set {
     /// A set of which nothing is expected: the rows of the table say what differs.
-    const ANY: Self = Self {
-        name: "",
-        right: &[],
-        may_follow: &[],
-        unlisted: &[],
-        wrong: &[],
-        known: None,
-        rows: usize::MAX,
-    };
+    const ANY: Self =
+        Self { name: "", right: &[], may_follow: &[], unlisted: &[], wrong: &[], rows: usize::MAX };
 }
 
 /// A spring that a drive has no name for; with dry friction it differs by direction.
@@ -93,11 +84,6 @@ const TABLE: &[Set] = &[
         may_follow: &["coulomb_friction"],
         unlisted: POSITION,
         wrong: NO_LIMIT,
-        known: Some((
-            Fault::WrongName,
-            "a limit of the amplifier is fitted where clipping the torque makes it nearly \
-             constant, and functions of position are tried only after three names",
-        )),
         ..Set::ANY
     },
     Set {
@@ -118,7 +104,6 @@ const TABLE: &[Set] = &[
         may_follow: &["coulomb_friction"],
         unlisted: POSITION,
         wrong: NO_LIMIT,
-        known: Some((Fault::WrongName, "as tue-slave-spring; and the foam differs by record")),
         ..Set::ANY
     },
     Set {
@@ -139,11 +124,6 @@ const TABLE: &[Set] = &[
         // Further orders of the same effect.
         may_follow: &["torque_ripple"],
         wrong: &[("amplifier_saturation", "the current follows a wave of the angle throughout")],
-        known: Some((
-            Fault::WrongName,
-            "a limit of the amplifier is named beside the ripple: an order alone is found, and \
-             the others remain",
-        )),
         ..Set::ANY
     },
     Set { name: "kuka-joint6", right: &[&["coulomb_friction"]], ..Set::ANY },
@@ -162,11 +142,6 @@ const TABLE: &[Set] = &[
         name: "double-pendulum-a",
         right: &[&["gravity_imbalance"]],
         may_follow: &["coulomb_friction"],
-        known: Some((
-            Fault::Refused,
-            "gravity holds in the slow part, so that torque and acceleration have opposite signs, \
-             which the check of the units takes for a wrong sign",
-        )),
         ..Set::ANY
     },
     Set { name: "emps", right: &[&["coulomb_friction", "asymmetric_friction"]], ..Set::ANY },
@@ -178,11 +153,6 @@ const TABLE: &[Set] = &[
         // The whole record, with the right answer, stands in `oscillator.rs`: it takes three
         // quarters of the time of all.
         rows: 20_000,
-        known: Some((
-            Fault::FalseNothing,
-            "the spring takes 96 % of the error, in each of nine blocks, but one of them falls \
-             most, and the mean fall is 2.1 of the 2.5 standard errors that are asked",
-        )),
         ..Set::ANY
     },
 ];
@@ -315,20 +285,12 @@ fn walk(set: &Set) -> (Option<Judged>, String, Option<String>) {
         Err(error) => (Judged::Wrong(Fault::Refused, error.to_string()), error.to_string()),
     };
     let line = format!("{}: {judged:?}: {said}", set.name);
-    let complaint = match (&judged, set.known) {
-        (Judged::Wrong(fault, _), Some((known, _))) if *fault == known => None,
-        (_, Some((known, reason))) => Some(format!(
-            "{line}\n  The table lists {known:?} as a known failure ({reason}): if this is an \
-             improvement, take it out of the table"
-        )),
-        (Judged::Wrong(..), None) => Some(line.clone()),
-        (_, None) => None,
-    };
+    let complaint = matches!(judged, Judged::Wrong(..)).then(|| line.clone());
     (Some(judged), line, complaint)
 }
 
 #[test]
-fn no_measured_set_gets_a_wrong_answer_but_the_known_ones() {
+fn no_measured_set_gets_a_wrong_answer() {
     let mut complaints = Vec::new();
     let mut judged = Vec::new();
     let walked: Vec<_> = TABLE.par_iter().map(walk).collect();

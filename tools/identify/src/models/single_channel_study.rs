@@ -205,7 +205,10 @@ pub(super) fn check_scale(
             Err(IdentifyError::channel(&balance.name, channel, found, advice))
         };
         let unit = parameter.unit;
-        if ratio < 0.0 && !is_excused(regression, balance, parameter) {
+        if ratio < 0.0 && is_excused(regression, balance, parameter) {
+            continue;
+        }
+        if ratio < 0.0 {
             let advice =
                 "both channels must be positive in the same direction: change the sign of one";
             return fault(format!("{what} of {found:.4} {unit}"), advice);
