@@ -9,7 +9,7 @@ use crate::input::step_of;
 use crate::naming::labels;
 use crate::outcome::Outcome;
 use crate::selection::predictor::Predictor;
-use crate::selection::validation::{LEAST_GAIN, LEAST_T};
+use crate::selection::validation::{LEAST_GAIN, LEAST_T, MOST_P};
 
 /// Number of records with figures of their own.
 const MOST_FIGURES: usize = 3;
@@ -126,8 +126,9 @@ pub(super) fn page(study: &Study<'_>, outcome: &Outcome) -> Page {
         accepted: format!(
             "Each candidate is fitted on the fitting rows and validated on the selection ones. It \
              is added when the residual falls by {:.0} % or more, when the mean fall is \
-             {LEAST_T:.1} of its standard errors above zero, and when more blocks get better than \
-             worse.",
+             {LEAST_T:.1} of its standard errors above zero or the signed-rank test of the blocks \
+             has p ≤ {MOST_P}, and when more blocks get better than worse. No effect is named \
+             where most of a large error is left.",
             100.0 * LEAST_GAIN
         ),
         method: format!(

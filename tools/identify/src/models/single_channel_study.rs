@@ -221,8 +221,8 @@ pub(super) fn check_scale(
     Ok(())
 }
 
-/// Whether a mass of the wrong sign is that of a machine with gravity, a spring or dry friction that
-/// are not declared: beside their columns it is positive, or small.
+/// Whether a mass of the wrong sign is that of a machine with gravity, a spring or dry friction
+/// that are not declared: beside their columns it is positive, or small.
 fn is_excused(regression: &RegressionModel, balance: &ForceBalance, parameter: &Parameter) -> bool {
     if parameter.column != Column::Acceleration || regression.axis.spring {
         return false;
