@@ -255,7 +255,10 @@ fn unusable_tables_are_refused_with_row_and_column_before_anything_starts() {
         1,
         &["drive.csv", "row 1002", "motor_v", "expected a finite number", "NaN"],
     );
-    assert!(!json.exists(), "a result of unusable data");
+    let said = std::fs::read_to_string(&json).unwrap();
+    let said: serde_json::Value = serde_json::from_str(&said).unwrap();
+    assert!(said["verdict"].is_null() && said.get("parameters").is_none(), "a result of bad data");
+    assert_eq!(said["refused"]["kind"], "unusable");
 }
 
 /// A recording as the logger writes it: `samples` samples at 2 kHz, ended regularly.

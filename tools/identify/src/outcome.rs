@@ -36,6 +36,51 @@ impl Verdict {
     }
 }
 
+/// What `--json` holds where there is no result.
+#[derive(Clone, Debug, Serialize)]
+pub struct Refusal {
+    /// Always `null`: no verdict was reached.
+    pub verdict: Option<Verdict>,
+    /// Why; a result has no such key.
+    pub refused: Reason,
+}
+
+/// Why there is no result.
+#[derive(Clone, Debug, Serialize)]
+pub struct Reason {
+    /// What cannot be used.
+    pub kind: RefusalKind,
+    /// The text on stderr, without the leading `error: `.
+    pub message: String,
+}
+
+/// What cannot be used.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum RefusalKind {
+    /// The command line (exit code 2).
+    Usage,
+    /// A rig file or a record (exit code 1).
+    Unusable,
+}
+
+impl Refusal {
+    /// A refusal without a verdict.
+    pub fn new(kind: RefusalKind, message: String) -> Self {
+        Self { verdict: None, refused: Reason { kind, message } }
+    }
+}
+
+impl RefusalKind {
+    /// The exit code that goes with it.
+    pub fn exit_code(self) -> i32 {
+        match self {
+            Self::Usage => 2,
+            Self::Unusable => 1,
+        }
+    }
+}
+
 /// The result of an identification.
 #[derive(Clone, Debug, Serialize)]
 pub struct Outcome {

@@ -12,7 +12,7 @@ use crate::Args;
 use crate::equation_error::block_roles::Role;
 use crate::error::{IdentifyError, Result};
 use crate::input::Series;
-use crate::outcome::Outcome;
+use crate::outcome::{Outcome, Refusal, RefusalKind};
 use crate::outcome_tables::{short, what_is_left};
 use crate::study::{Identification, StudyOptions, read_mapped, study};
 use crate::write_rig::{Provenance, fitted};
@@ -23,7 +23,8 @@ const STDOUT: &str = "-";
 const TICK: std::time::Duration = std::time::Duration::from_millis(120);
 
 /// Runs the command: prints the verdict, writes what was asked for. 0 when done whatever the
-/// verdict, 1 when the data or the rig file cannot be used (the reason goes to stderr).
+/// verdict, 1 when the data or the rig file cannot be used, 2 when the command line cannot (the
+/// reason goes to stderr, and into the JSON file).
 ///
 /// # Errors
 /// Where the page or the JSON file cannot be written.
@@ -36,20 +37,18 @@ pub fn run(args: Args) -> anyhow::Result<i32> {
         .find(|(_, path)| path.exists());
     if let Some((option, path)) = taken {
         // Checked before the long computation.
-        eprintln!(
-            "error: {option}: {}: exists already and is not overwritten: name another file",
-            path.display()
-        );
-        return Ok(1);
+        let why = "exists already and is not overwritten: name another file";
+        let message = format!("{option}: {}: {why}", path.display());
+        return Ok(refuse(&args, RefusalKind::Unusable, message));
     }
     let (rig, studied) = match whole(&args) {
         Ok(result) => result,
         Err(error) => {
-            eprintln!("error: {error:#}");
             // An unknown rig name is a usage error, as for `up`.
             let named = matches!(error.downcast_ref(), Some(rig::FileError::NotShipped { .. }));
             let mapped = matches!(error.downcast_ref(), Some(IdentifyError::Usage(_)));
-            return Ok(if named || mapped { 2 } else { 1 });
+            let kind = if named || mapped { RefusalKind::Usage } else { RefusalKind::Unusable };
+            return Ok(refuse(&args, kind, format!("{error:#}")));
         }
     };
     let Identification { outcome, page, sentence, detail } = studied;
@@ -97,6 +96,25 @@ pub fn run(args: Args) -> anyhow::Result<i32> {
         eprintln!("note: {note}");
     }
     failed.map_or(Ok(code), Err)
+}
+
+/// Tells why there is no result, on stderr and for programs; returns the exit code. The JSON file
+/// is replaced, so that the result of an earlier run is not taken for one of this run.
+fn refuse(args: &Args, kind: RefusalKind, message: String) -> i32 {
+    eprintln!("error: {message}");
+    let code = kind.exit_code();
+    let Some(path) = args.json.as_deref() else { return code };
+    let written = serde_json::to_string_pretty(&Refusal::new(kind, message))
+        .map_err(std::io::Error::from)
+        .and_then(|json| match path == Path::new(STDOUT) {
+            true => writeln!(std::io::stdout(), "{json}"),
+            false => make_folder(path).and_then(|()| files::replace(path, json)),
+        });
+    // The refusal stands, whether or not a program can read of it.
+    if let Err(error) = written {
+        eprintln!("error: {}: cannot be written: {error}", path.display());
+    }
+    code
 }
 
 fn whole(args: &Args) -> anyhow::Result<(RigFile, Identification)> {
@@ -294,17 +312,9 @@ mod tests {
     #![allow(clippy::unwrap_used)]
     use super::*;
 
-    #[test]
-    fn one_file_by_two_paths_does_not_have_two_roles() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("a.csv");
-        let rows: String = (0..20).map(|row| format!("{row},{},{}\n", row % 3, row % 5)).collect();
-        std::fs::write(&path, format!("t_s,force_n,position_m\n{rows}")).unwrap();
-        let other = folder.path().join(".").join("a.csv");
-        let rig =
-            PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../launch/rigs/emps.toml"));
-        let args = Args {
-            rig: rig.clone(),
+    fn arguments(rig: PathBuf) -> Args {
+        Args {
+            rig,
             records: Vec::new(),
             map: Vec::new(),
             resample: None,
@@ -315,9 +325,63 @@ mod tests {
             calibrate: 0,
             jobs: None,
             seed: 1,
-            fit: vec![path.clone()],
+            fit: Vec::new(),
             select: Vec::new(),
+            report_on: Vec::new(),
+        }
+    }
+
+    #[test]
+    fn a_refusal_is_written_for_programs() {
+        let folder = tempfile::tempdir().unwrap();
+        let json = folder.path().join("deep").join("identify.json");
+        let record = folder.path().join("short.csv");
+        std::fs::write(&record, "t_s,force_n,position_m\n0,0,0\n").unwrap();
+        let emps = || PathBuf::from("emps");
+        let refused = |args: Args| {
+            let args = Args { json: Some(json.clone()), ..args };
+            let code = run(args).unwrap();
+            let text = std::fs::read_to_string(&json).unwrap();
+            let said: serde_json::Value = serde_json::from_str(&text).unwrap();
+            assert!(said["verdict"].is_null(), "{text}");
+            let refused = &said["refused"];
+            let word = |key: &str| refused[key].as_str().unwrap().to_owned();
+            (code, word("kind"), word("message"))
+        };
+
+        let (code, kind, message) =
+            refused(Args { records: vec![record.clone()], ..arguments(emps()) });
+        assert_eq!((code, kind.as_str()), (1, "unusable"));
+        assert!(message.contains("short.csv"), "{message}");
+
+        // It replaces what an earlier run wrote.
+        let (code, kind, message) =
+            refused(Args { records: vec![record.clone()], ..arguments(PathBuf::from("nowhere")) });
+        assert_eq!((code, kind.as_str()), (2, "usage"));
+        assert!(message.contains("nowhere"), "{message}");
+
+        let taken = Some(record.clone());
+        let (code, kind, message) =
+            refused(Args { records: vec![record], write_rig: taken, ..arguments(emps()) });
+        assert_eq!((code, kind.as_str()), (1, "unusable"));
+        assert!(message.starts_with("--write-rig"), "{message}");
+        // Nothing else is left beside it.
+        assert_eq!(std::fs::read_dir(json.parent().unwrap()).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn one_file_by_two_paths_does_not_have_two_roles() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.csv");
+        let rows: String = (0..20).map(|row| format!("{row},{},{}\n", row % 3, row % 5)).collect();
+        std::fs::write(&path, format!("t_s,force_n,position_m\n{rows}")).unwrap();
+        let other = folder.path().join(".").join("a.csv");
+        let rig =
+            PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../launch/rigs/emps.toml"));
+        let args = Args {
+            fit: vec![path.clone()],
             report_on: vec![other.clone()],
+            ..arguments(rig.clone())
         };
         let rig = RigFile::load(rig).unwrap();
         let text = records(&args, &rig).unwrap_err().to_string();
