@@ -18,8 +18,9 @@ pub enum Verdict {
     /// are named.
     Unlisted,
     /// The model describes the records badly, and neither listed effects nor a function of one
-    /// variable explain most of the error; no effect is named. Not for transmissions, where this
-    /// is [`Verdict::Unlisted`] without a function.
+    /// variable explain most of the error; or something explains a good part of it without being
+    /// significant. No effect is named. Not for transmissions, where this is [`Verdict::Unlisted`]
+    /// without a function.
     Inadequate,
 }
 
@@ -96,6 +97,9 @@ pub struct Outcome {
     /// Where that acts, and what it depends on.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub unlisted: Option<UnlistedTable>,
+    /// What these records do not settle, where the verdict is `inadequate` for that reason alone.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub undecided: Option<Undecided>,
     /// Result of the parametric bootstrap, if `--calibrate` was given.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub calibration: Option<Calibration>,
@@ -163,6 +167,20 @@ pub struct EffectParameter {
     pub unit: String,
 }
 
+/// An effect, or a function of a variable, that takes a good part of the error on most blocks and is
+/// not significant.
+#[derive(Clone, Debug, Serialize)]
+pub struct Undecided {
+    /// Id of the effect, or the variable.
+    pub id: String,
+    /// Fall of the root-mean-square residual on the selection rows (%).
+    pub gain_percent: f64,
+    /// Blocks on which it falls.
+    pub blocks_better: usize,
+    /// Blocks on which it was compared.
+    pub blocks: usize,
+}
+
 /// Parametric bootstrap: searches of simulated machines with all effects found but the last (or
 /// none).
 #[derive(Clone, Debug, Serialize)]
@@ -197,6 +215,10 @@ pub struct UnlistedTable {
     /// Abscissa, value, standard deviation (`null` where there are no data); empty without a
     /// function.
     pub table: Vec<[f64; 3]>,
+    /// What the function looks like, in words that complete "it is ..."; left out where it looks
+    /// like nothing simple, and for transmissions.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub resembles: Option<String>,
     /// Share of the residual power that no torque at a place explains, place by place. Left out
     /// beside a listed effect, if no movement is repeated or the slave is not measured, and for
     /// drives, oscillators and elements.

@@ -84,10 +84,18 @@ fn depends_on_position(outcome: &Outcome, friction: bool) {
     assert!(error.after < 0.5 * error.before, "{error:?}");
 }
 
+/// What the function of position looks like.
+fn looks_like(outcome: &Outcome, words: &str) {
+    let resembles = outcome.unlisted.as_ref().and_then(|unlisted| unlisted.resembles.as_deref());
+    assert!(resembles.is_some_and(|own| own.starts_with(words)), "{resembles:?}, not {words}");
+}
+
 #[test]
 fn an_undeclared_spring_is_a_function_of_position() {
     for records in [1, 3] {
-        depends_on_position(&identify(Truth { spring: 4e3, ..PLAIN }, records), false);
+        let outcome = identify(Truth { spring: 4e3, ..PLAIN }, records);
+        depends_on_position(&outcome, false);
+        looks_like(&outcome, "like a spring of ");
         let rough = Truth { spring: 4e3, coulomb: 40.0, ..PLAIN };
         depends_on_position(&identify(rough, records), true);
     }
@@ -95,7 +103,9 @@ fn an_undeclared_spring_is_a_function_of_position() {
 
 #[test]
 fn a_contact_on_one_side_is_a_function_of_position() {
-    depends_on_position(&identify(Truth { contact: 2e4, ..PLAIN }, 3), false);
+    let outcome = identify(Truth { contact: 2e4, ..PLAIN }, 3);
+    depends_on_position(&outcome, false);
+    looks_like(&outcome, "like a wall or foam of ");
 }
 
 #[test]

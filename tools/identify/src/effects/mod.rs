@@ -162,9 +162,9 @@ impl Effect {
 
 impl Effect {
     /// Whether it takes a part of the measured force away, instead of adding a force that the
-    /// motion needs: one of its columns has a given amplitude.
+    /// motion needs: one of its columns has a given amplitude and is not computed from the motion.
     pub fn alters_target(&self, axis: &Axis) -> bool {
-        (self.terms)(axis).iter().any(Term::is_given)
+        !self.uses_model && (self.terms)(axis).iter().any(Term::is_given)
     }
 }
 

@@ -5,14 +5,20 @@
 //! IEEE Transactions on Automatic Control 40 (1995). The state starts at 0; an error of this
 //! initial state decays over a few `travel`.
 //!
-//! Parameters: `bristle_force` (N or N·m), at least 0; `travel` (m or rad), 0.01 to 10 % of the
-//! record's travel.
+//! Parameters: `bristle_force` (N or N·m), at least 0; `travel` (m or rad), 0.01 to 5 % of the
+//! record's travel (30 % for elements and oscillators).
 //!
 //! In a residual: after each reversal the force changes from one side to the other as a function of
 //! *position*, however slow the movement. Confused with: Coulomb friction (small travel), a Maxwell
 //! branch (a function of time instead), backlash.
 
 use super::{Effect, Shape, Term};
+
+/// Longest travel, as a share of the record's: over a longer one a drive would be elastic, and what
+/// it touches is taken for friction.
+const LONGEST: f64 = 0.05;
+/// The same for elements and oscillators, which are elastic.
+const LONGEST_OF_ELEMENTS: f64 = 0.3;
 
 pub(super) const EFFECT: Effect = Effect {
     id: "presliding_hysteresis",
@@ -23,12 +29,9 @@ pub(super) const EFFECT: Effect = Effect {
     refines: Some("coulomb_friction"),
     terms: |axis| vec![Term::positive("bristle_force", axis.units.force)],
     shapes: |axis| {
-        vec![Shape::by_factors(
-            "travel",
-            axis.units.position,
-            (1e-4 * axis.travel(), 0.1 * axis.travel()),
-            7,
-        )]
+        let longest = if axis.spring { LONGEST_OF_ELEMENTS } else { LONGEST };
+        let range = (1e-4 * axis.travel(), longest * axis.travel());
+        vec![Shape::by_factors("travel", axis.units.position, range, 8)]
     },
     columns: Some(|view, shapes| {
         let mut state = 0.0;
@@ -50,6 +53,5 @@ pub(super) const EFFECT: Effect = Effect {
         rates[0] = (now.velocity - now.velocity.abs() * states[0]) / shapes[0]
     },
     force: Some(|_, _, states, out| out[0] = states[0]),
-    beside_functions: true,
     ..Effect::NONE
 };

@@ -113,6 +113,8 @@ pub struct Fitted {
 /// Time shift of a force that sampling, computing and zero-order hold may cause, in sampling
 /// periods.
 const HELD: f64 = 1.5;
+/// A shape beyond this share of its range is at the end of it.
+const END_OF_RANGE: f64 = 0.99;
 
 impl RegressionModel {
     /// Whether the declared model has that column.
@@ -337,6 +339,14 @@ impl RegressionModel {
         let sampling = self.balances.iter().map(|b| b.sampling).fold(0.0, f64::max);
         (effect.declaration().shift)(own, &fitted.shapes[place])
             .filter(|shift| shift.abs() < HELD * sampling)
+    }
+
+    /// Whether a shape of the last effect ended at the upper end of its range: beyond it the effect
+    /// is another one.
+    pub fn shape_at_end(&self, structure: &Structure<'_>, fitted: &Fitted) -> bool {
+        let Some(place) = self.places(structure).pop() else { return false };
+        let shapes = self.shapes(structure);
+        place.into_iter().any(|at| shapes[at].share(fitted.shapes[at]) > END_OF_RANGE)
     }
 
     /// Root mean square over some rows of the contribution of the last `terms` columns of a fit.

@@ -10,6 +10,7 @@ mod force_balance;
 mod next_experiment;
 mod oscillator;
 mod page;
+mod resemblance;
 mod residual_plots;
 mod rival_model;
 mod segmentation;

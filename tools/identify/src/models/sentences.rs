@@ -6,7 +6,7 @@ use report::Tone;
 use super::bootstrap;
 use super::effect_descriptions::{OTHER_ENCODER, words};
 use crate::effects::find;
-use crate::outcome::{AtBounds, Named, Outcome, UnlistedTable, Verdict};
+use crate::outcome::{AtBounds, Named, Outcome, Undecided, UnlistedTable, Verdict};
 use crate::outcome_tables::short;
 
 /// Where an effect acts.
@@ -118,6 +118,9 @@ fn verdict(outcome: &Outcome, located: bool) -> (Tone, String) {
             let fitted = "the declared model, fitted within its tolerances, explains them";
             (Tone::Good, format!("These records show no missing effect: {fitted}."))
         }
+        Verdict::Inadequate if let Some(undecided) = &outcome.undecided => {
+            (Tone::Warning, not_settled(undecided))
+        }
         Verdict::Inadequate => (
             Tone::Warning,
             "The declared model does not describe this machine, and no listed effect explains \
@@ -129,7 +132,10 @@ fn verdict(outcome: &Outcome, located: bool) -> (Tone, String) {
                 (Some(on), true) => {
                     format!("; it acts at the {} and depends on {on}", unlisted.site)
                 }
-                (Some(on), false) => format!("; it depends on {on}"),
+                (Some(on), false) => match &unlisted.resembles {
+                    Some(like) => format!("; it depends on {on}, {like}"),
+                    None => format!("; it depends on {on}"),
+                },
                 (None, _) => format!(
                     "; it acts {}, and no function of one variable explains it",
                     place_unlisted(&unlisted.site)
@@ -140,6 +146,17 @@ fn verdict(outcome: &Outcome, located: bool) -> (Tone, String) {
             (Tone::Warning, format!("{lacks}{of}."))
         }
     }
+}
+
+/// What the records do not settle.
+fn not_settled(undecided: &Undecided) -> String {
+    let Undecided { id, gain_percent, blocks_better, blocks } = undecided;
+    let what = find(id).map_or_else(|| format!("a function of {id}"), |own| own.words.to_owned());
+    format!(
+        "These records do not settle whether something is missing: {what} would take \
+         {gain_percent:.0} % of the error and improves {blocks_better} of {blocks} blocks, which is \
+         not significant."
+    )
 }
 
 /// A value with its unit: small angles in mrad.

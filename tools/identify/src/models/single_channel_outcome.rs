@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use report::Page;
 
 use super::next_experiment::next_experiment;
+use super::resemblance::resemblance;
 use super::single_channel_page::page;
 use super::single_channel_parameters::{effect_parameters, parameters};
 use super::single_channel_result::{Study, all_rows};
@@ -13,7 +14,7 @@ use crate::equation_error::block_roles::{Block, Role, blocks_of_role};
 use crate::equation_error::model::{Fitted, RegressionModel, Structure};
 use crate::outcome::{
     AtBounds, CandidateGain, ChannelError, FoundEffect, Named, Outcome, Roles, StepError,
-    UnlistedTable, Verdict,
+    Undecided, UnlistedTable, Verdict,
 };
 use crate::selection::candidates::SitedEffect;
 use crate::selection::forward_selection::SelectionStep;
@@ -69,7 +70,14 @@ fn outcome(study: &Study<'_>) -> Outcome {
             site: site.into(),
             depends_on: unlisted.variable.name().into(),
             table: unlisted.table.clone(),
+            resembles: resemblance(unlisted.variable, &unlisted.table, &regression.axis.units),
             ..UnlistedTable::default()
+        }),
+        undecided: found.undecided().map(|own| Undecided {
+            id: own.id.into(),
+            gain_percent: own.gain_percent,
+            blocks_better: own.better,
+            blocks: own.blocks,
         }),
         calibration: None,
         left: left(study),

@@ -51,6 +51,7 @@ fn outcome(study: &Study) -> Option<Outcome> {
     let with_deviation = fit.deviations(found.last(), BLOCK);
     let (error, parameters) = (error(study)?, parameters(study, &with_deviation));
     Some(Outcome {
+        undecided: None,
         verdict,
         effects: effects(study, &with_deviation),
         ambiguous_with: rivals

@@ -12,6 +12,9 @@ const SMALL_PERCENT: f64 = 10.0;
 const MOST_LEFT_SELECTED: f64 = 0.5;
 /// The same on the reporting rows, which may differ from the others in their movement.
 const MOST_LEFT_REPORTED: f64 = 0.9;
+/// An error above this share of the channel (%) is large: the same share of its square may then be
+/// left on the reporting rows as on the selection rows.
+const LARGE_PERCENT: f64 = 30.0;
 /// Largest correlation of residuals one period of the cut-off apart, beyond what the low-pass
 /// leaves between them.
 const MOST_CORRELATION: f64 = 0.3;
@@ -56,8 +59,12 @@ impl Adequacy {
 
     /// Whether the effects leave most of a large error.
     pub(super) fn leaves_most(&self) -> bool {
+        let most_left_reported = match self.reported_percent > LARGE_PERCENT {
+            true => MOST_LEFT_SELECTED,
+            false => MOST_LEFT_REPORTED,
+        };
         self.selected_percent.max(self.reported_percent) > SMALL_PERCENT
-            && (self.left_selected > MOST_LEFT_SELECTED || self.left_reported > MOST_LEFT_REPORTED)
+            && (self.left_selected > MOST_LEFT_SELECTED || self.left_reported > most_left_reported)
     }
 
     /// Whether a large error is left that is not noise.

@@ -106,7 +106,10 @@ impl Search<'_> {
         }
         let block_errors = self.screening().mean_squares(&fitted, &self.select);
         let mut validation = validate(sited.effect.id, before, &block_errors);
-        validation.accepted &= regression.sampling_delay(&structure, &fitted).is_none();
+        validation.exclude_if(
+            regression.sampling_delay(&structure, &fitted).is_some()
+                || regression.shape_at_end(&structure, &fitted),
+        );
         let model = FittedModel { structure, fitted, equation_error_fit: None };
         Some(FittedCandidate { sited, validation, model, block_errors, screened_only: false })
     }
@@ -149,8 +152,8 @@ impl Search<'_> {
             let fitted = simulation.fit(&structure, &self.fit, &start, &[])?;
             let block_errors = self.predictor.mean_squares(&fitted, &self.select);
             let mut validation = validate(candidate.validation.id, &before, &block_errors);
-            validation.accepted &=
-                simulation.regression.sampling_delay(&structure, &fitted).is_none();
+            validation
+                .exclude_if(simulation.regression.sampling_delay(&structure, &fitted).is_some());
             let equation_error_fit = Some(equation_error_fit);
             let model = FittedModel { structure, fitted, equation_error_fit };
             let sited = candidate.sited;
@@ -209,10 +212,13 @@ impl Search<'_> {
                 list.retain(|c| regression.frees(c.effect) || can_simulate(c.effect));
             }
             let mut tried = self.try_all(current, &list);
-            for candidate in tried.iter_mut().filter(|candidate| candidate.validation.accepted) {
-                candidate.validation.accepted = candidate.validation.gain_percent
-                    >= choice.least_percent
-                    && !is_tone_of_motion(regression, candidate, &self.fit);
+            for candidate in &mut tried {
+                let validation = &candidate.validation;
+                let may_pass = validation.accepted || validation.takes_part_of_most();
+                let tone = may_pass && is_tone_of_motion(regression, candidate, &self.fit);
+                candidate.validation.accepted &=
+                    candidate.validation.gain_percent >= choice.least_percent;
+                candidate.validation.exclude_if(tone);
             }
             let mut different: Vec<&str> = added.iter().map(|sited| sited.effect.id).collect();
             different.sort_unstable();

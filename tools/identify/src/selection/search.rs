@@ -5,7 +5,7 @@ use super::candidates::{FittedCandidate, FittedModel};
 use super::forward_selection::{Choice, Search, Selection, SelectionStep};
 use super::nonparametric::{NonparametricFit, Unlisted};
 use super::predictor::Predictor;
-use super::validation::validate;
+use super::validation::{Validation, validate};
 use crate::effects::Regressor;
 use crate::equation_error::block_roles::{Block, Role, blocks_of_role};
 use crate::equation_error::fit::ShapeSearch;
@@ -44,6 +44,17 @@ pub struct SearchResult<'f> {
     pub adequacy: Adequacy,
 }
 
+/// A model with a nonparametric function in place of listed effects.
+struct Competitor<'f> {
+    function: &'f Spline,
+    /// The declared model with the function.
+    model: FittedModel<'f>,
+    /// The effects that were added to it.
+    beside: Selection<'f>,
+    /// Relative errors of the whole.
+    errors: Vec<f64>,
+}
+
 impl<'f> SearchResult<'f> {
     /// The model with all effects that were added.
     pub fn last(&self) -> &FittedModel<'f> {
@@ -53,9 +64,30 @@ impl<'f> SearchResult<'f> {
 
     /// Whether no model that was tried describes the records.
     pub fn is_inadequate(&self) -> bool {
+        self.leaves_too_much() || self.undecided().is_some()
+    }
+
+    /// Whether nothing was added, and effects that were withdrawn leave most of a large error, or
+    /// the declared model leaves a large error that is no noise.
+    fn leaves_too_much(&self) -> bool {
         self.steps.is_empty()
             && self.unlisted.is_none()
             && (!self.withdrawn.is_empty() || self.adequacy.is_coloured())
+    }
+
+    /// The candidate or function that takes the most of the error on most blocks and yet does not
+    /// pass, where nothing was added for another reason: neither that it is missing nor that
+    /// nothing is can be said then.
+    pub fn undecided(&self) -> Option<&Validation> {
+        if !self.steps.is_empty() || self.unlisted.is_some() || self.leaves_too_much() {
+            return None;
+        }
+        let listed = self.last_round.iter().filter(|own| !own.screened_only);
+        let listed = listed.map(|own| &own.validation);
+        let functions = self.nonparametric.iter().filter(|own| !own.screened_only);
+        let all = listed.chain(functions.map(|own| &own.validation));
+        all.filter(|own| !own.accepted && own.takes_part_of_most())
+            .max_by(|a, b| a.gain_percent.total_cmp(&b.gain_percent))
     }
 }
 
@@ -93,8 +125,10 @@ pub fn search<'f>(
     let (mut function, mut unlisted) = (None, None);
     if let Predictor::EquationError(_) = predictor {
         selection = search.without_altered_target(&base, selection);
-        if let Some((model, of, beside)) = search.beside_function(&base, &selection, functions) {
-            (function, unlisted, selection) = (Some(model), Some(of), beside);
+        if let Some(better) = search.beside_function(&base, &selection, functions) {
+            let variable = better.function.variable();
+            unlisted = Some(Unlisted::new(variable, better.function, &better.model.fitted));
+            (function, selection) = (Some(better.model), better.beside);
         }
     }
     let Selection { steps, last_round } = selection;
@@ -143,35 +177,57 @@ impl<'a> Search<'a> {
         if validate("", &before, &after).accepted { with } else { without }
     }
 
-    /// The declared model with the best nonparametric function and effects beside it, where that
-    /// explains clearly more than listed effects alone.
+    /// The declared model with the nonparametric function that takes the place of listed effects,
+    /// and effects beside it. It does where it explains clearly more than the listed effects alone;
+    /// or where it explains as much, and a function of the same variable takes a good part of what
+    /// the listed effects leave.
     fn beside_function<'f>(
         &self,
         base: &FittedModel<'f>,
         listed: &Selection<'f>,
         functions: &'f [Spline],
-    ) -> Option<(FittedModel<'f>, Unlisted, Selection<'f>)> {
-        let regression = self.predictor.regression();
-        let with = |function: &'f Spline| {
-            let effects = vec![function as &dyn Regressor];
-            let structure = Structure { effects, ..Structure::default() };
-            let fitted = regression.fit(&structure, &self.fit, &[], ShapeSearch::Refine)?;
-            let model = FittedModel { structure, fitted, equation_error_fit: None };
-            let error: f64 = self.relative_errors(&model).iter().sum();
-            Some((error, function, model))
+    ) -> Option<Competitor<'f>> {
+        let competitors: Vec<Competitor<'f>> =
+            functions.iter().filter_map(|function| self.competitor(base, function)).collect();
+        let before = self.relative_errors(listed.last(base));
+        let sum = |errors: &[f64]| errors.iter().sum::<f64>();
+        let best = competitors.iter().min_by(|a, b| sum(&a.errors).total_cmp(&sum(&b.errors)))?;
+        let validation = validate("", &before, &best.errors);
+        let chosen = if validation.accepted && validation.gain_percent >= LEAST_FUNCTION_PERCENT {
+            best.function.variable()
+        } else {
+            let left = self.nonparametric(listed.last(base)).into_iter().find(|left| {
+                left.validation.accepted && left.validation.gain_percent >= LEAST_FUNCTION_PERCENT
+            })?;
+            left.unlisted.variable
         };
-        let fitted = functions.iter().filter_map(with);
-        let (_, function, model) = fitted.min_by(|a, b| a.0.total_cmp(&b.0))?;
+        competitors
+            .into_iter()
+            .find(|own| own.function.variable() == chosen && sum(&own.errors) <= sum(&before))
+    }
+
+    /// The declared model with a nonparametric function, where that explains something by itself,
+    /// and with effects beside it.
+    fn competitor<'f>(
+        &self,
+        base: &FittedModel<'f>,
+        function: &'f Spline,
+    ) -> Option<Competitor<'f>> {
+        let effects = vec![function as &dyn Regressor];
+        let structure = Structure { effects, ..Structure::default() };
+        let regression = self.predictor.regression();
+        let fitted = regression.fit(&structure, &self.fit, &[], ShapeSearch::Refine)?;
+        let model = FittedModel { structure, fitted, equation_error_fit: None };
+        let [before, alone] = [base, &model].map(|model| self.relative_errors(model));
+        if !validate("", &before, &alone).accepted {
+            return None;
+        }
         let allowed = Choice {
             allowed: |effect, _| effect.beside_functions,
             least_percent: LEAST_BESIDE_PERCENT,
         };
         let beside = self.forward(&model, allowed);
-        let [before, after] =
-            [listed.last(base), beside.last(&model)].map(|model| self.relative_errors(model));
-        let validation = validate(function.variable().name(), &before, &after);
-        let takes_over = validation.accepted && validation.gain_percent >= LEAST_FUNCTION_PERCENT;
-        let unlisted = Unlisted::new(function.variable(), function, &model.fitted);
-        takes_over.then_some((model, unlisted, beside))
+        let errors = self.relative_errors(beside.last(&model));
+        Some(Competitor { function, model, beside, errors })
     }
 }

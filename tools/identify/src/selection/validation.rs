@@ -11,6 +11,13 @@ const FEW_BLOCKS: usize = 6;
 /// Least t: mean decrease of the blocks' squared residual over its standard error.
 pub const LEAST_T: f64 = 2.5;
 
+/// Decrease of the rms residual from which the size alone decides, if nearly all blocks improve: on
+/// few blocks no test of significance can pass, however large the decrease.
+const CLEAR_GAIN: f64 = 0.50;
+
+/// Fewest blocks that improve for each that deteriorates, and in all, for a clear decrease.
+const CLEAR_BLOCKS: usize = 3;
+
 /// Largest one-sided p of the signed-rank test of the blocks' log error ratios. Six blocks that all
 /// improve reach it (1/64).
 pub const MOST_P: f64 = 0.016;
@@ -30,8 +37,26 @@ pub struct Validation {
     pub better: usize,
     /// Number of blocks on which it rose by more than 1 %.
     pub worse: usize,
+    /// Number of blocks.
+    pub blocks: usize,
+    /// Whether it cannot pass, whatever it gains: sampling explains it, the movement does, or its
+    /// law ended at the end of its range.
+    pub excluded: bool,
     /// Whether it passes.
     pub accepted: bool,
+}
+
+impl Validation {
+    /// Excludes it where `excluded` holds.
+    pub(super) fn exclude_if(&mut self, excluded: bool) {
+        self.excluded |= excluded;
+        self.accepted &= !excluded;
+    }
+
+    /// Whether it takes as much of the error as an effect must, on most blocks, and may pass.
+    pub fn takes_part_of_most(&self) -> bool {
+        !self.excluded && self.gain_percent >= 100.0 * LEAST_GAIN && self.better > self.blocks / 2
+    }
 }
 
 /// Validates a candidate from the mean squared residuals of the selection blocks before and after.
@@ -53,8 +78,21 @@ pub fn validate(id: &'static str, before: &[f64], after: &[f64]) -> Validation {
     let better = before.iter().zip(after).filter(|(b, a)| a.sqrt() < 0.99 * b.sqrt()).count();
     let worse = before.iter().zip(after).filter(|(b, a)| a.sqrt() > 1.01 * b.sqrt()).count();
     let least = if before.len() < FEW_BLOCKS { 2.0 * LEAST_GAIN } else { LEAST_GAIN };
-    let accepted = gain >= least && (t >= LEAST_T || p <= MOST_P) && better > worse;
-    Validation { id, gain_percent: 100.0 * gain, t, p, better, worse, accepted }
+    let clear = gain >= CLEAR_GAIN && better >= CLEAR_BLOCKS * worse.max(1);
+    let significant = t >= LEAST_T || p <= MOST_P || clear;
+    let accepted = gain >= least && significant && better > worse;
+    let blocks = before.len();
+    Validation {
+        id,
+        gain_percent: 100.0 * gain,
+        t,
+        p,
+        better,
+        worse,
+        blocks,
+        excluded: false,
+        accepted,
+    }
 }
 
 /// One-sided p of Wilcoxon's signed-rank test for a positive median, from the exact distribution
@@ -118,6 +156,30 @@ mod tests {
         let validation = validate("x", &before, &after);
         assert!(validation.t < LEAST_T && validation.accepted, "{validation:?}");
         assert!(!validate("x", &after, &before).accepted);
+    }
+
+    #[test]
+    fn on_few_blocks_a_clear_decrease_on_nearly_all_of_them_is_accepted() {
+        // The second block has nearly all of the decrease: neither test passes.
+        let before = [1.0, 30.0, 1.2];
+        let after = before.map(|before| 0.2 * before);
+        let validation = validate("x", &before, &after);
+        assert!(validation.t < LEAST_T && validation.p > MOST_P && validation.accepted);
+        // A third of the decrease is no such clear one, nor is one that every third block misses.
+        let after = before.map(|before| 0.45 * before);
+        assert!(!validate("x", &before, &after).accepted);
+        assert!(!validate("x", &before, &[0.2, 6.0, 1.5]).accepted);
+    }
+
+    #[test]
+    fn what_is_excluded_neither_passes_nor_stays_open() {
+        let before: Vec<f64> = (0..10).map(|i| 1.0 + 0.1 * f64::from(i % 3)).collect();
+        let after: Vec<f64> = before.iter().map(|b| 0.7 * b).collect();
+        let mut validation = validate("x", &before, &after);
+        validation.exclude_if(false);
+        assert!(validation.accepted && validation.takes_part_of_most());
+        validation.exclude_if(true);
+        assert!(!validation.accepted && !validation.takes_part_of_most());
     }
 
     #[test]
