@@ -21,6 +21,9 @@ pub enum Verdict {
     /// variable explain most of the error; no effect is named. Not for transmissions, where this
     /// is [`Verdict::Unlisted`] without a function.
     Inadequate,
+    /// The time limit ended the search before every effect was tried, and the error is above the
+    /// noise floor or that is not known: whether an effect is missing is open.
+    Undecided,
 }
 
 impl Verdict {
@@ -86,6 +89,10 @@ impl RefusalKind {
 pub struct Outcome {
     /// The verdict.
     pub verdict: Verdict,
+    /// Whether the time limit left anything out of which this could still change; the notes say
+    /// what. Left out if not.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub early: bool,
     /// Effects in the order in which they were added.
     pub effects: Vec<FoundEffect>,
     /// Effects that the data cannot distinguish from the last effect added that had a rival.

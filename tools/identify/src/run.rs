@@ -131,6 +131,7 @@ fn whole(args: &Args) -> anyhow::Result<(RigFile, Identification)> {
         seed: args.seed,
         propose: args.propose_experiment.is_some(),
         calibrate: args.calibrate,
+        limit_s: Some(args.limit_s()),
     };
     let studied = study(&rig, &records, how);
     bar.finish_and_clear();
@@ -323,6 +324,7 @@ mod tests {
             write_rig: None,
             propose_experiment: None,
             calibrate: 0,
+            limit_s: None,
             jobs: None,
             seed: 1,
             fit: Vec::new(),

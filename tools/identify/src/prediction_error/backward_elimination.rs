@@ -30,6 +30,9 @@ pub fn redundant_effect(
 ) -> Option<(usize, Fitted)> {
     let with = select.residuals(&now.setting)?;
     (0..now.setting.placed.len().saturating_sub(1)).find_map(|at| {
+        if fit.deadline.has_passed() {
+            return None;
+        }
         let mut setting = now.setting.clone();
         let placed = setting.placed.remove(at);
         let left: Vec<FreeParameter> =
@@ -61,7 +64,7 @@ pub fn substitute(
 ) -> Option<Alternative> {
     let with = select.residuals(&now.setting)?;
     let one = |other: &Fitted| -> Option<Alternative> {
-        let placed = other.setting.placed.last()?;
+        let placed = other.setting.placed.last().filter(|_| !fit.deadline.has_passed())?;
         let mut setting = now.setting.clone();
         *setting.placed.get_mut(at)? = placed.clone();
         let kept = now.parameters.iter().filter(|parameter| !parameter.is_of(at)).cloned();
@@ -96,7 +99,7 @@ pub fn single_effect_models(
 ) -> Option<Vec<Alternative>> {
     let with = select.residuals(&now.setting)?;
     let one = |other: &Fitted| -> Option<Alternative> {
-        let placed = other.setting.placed.first()?;
+        let placed = other.setting.placed.first().filter(|_| !fit.deadline.has_passed())?;
         let mut free: Vec<FreeParameter> =
             now.parameters.iter().filter(|parameter| parameter.is_base()).cloned().collect();
         free.extend(other.of_effects().cloned());

@@ -77,6 +77,9 @@ pub fn refit(
     let mut now =
         fit.fit(&winner.fitted.setting, &parameters, 6).unwrap_or_else(|| winner.fitted.clone());
     for pass in 0..REFITS {
+        if fit.deadline.has_passed() {
+            break;
+        }
         if above_floor(model, &select.records, &now.setting)
             .is_some_and(|above| above.well_at_floor())
         {

@@ -62,7 +62,8 @@ pub struct SelectionRound<'a> {
 }
 
 impl SelectionRound<'_> {
-    /// Returns all candidates that were fitted, best first.
+    /// Returns all candidates that were fitted, best first; after the deadline nothing more is
+    /// fitted, and the round is incomplete.
     pub fn run(&self) -> Vec<FittedCandidate> {
         let projection = Projection::new(self.fit, self.now);
         let scored = projection.rank(self.fit, self.now, self.candidates);
@@ -126,12 +127,18 @@ impl SelectionRound<'_> {
     }
 
     fn fitted(&self, candidate: usize, start: &Setting, rounds: usize) -> Option<FittedCandidate> {
+        if self.fit.deadline.has_passed() {
+            return None;
+        }
         let fitted = self.fit.fit(start, &self.free(candidate, start), rounds)?;
         self.validation(candidate, fitted)
     }
 
     /// Takes a step or two with the Jacobian of the current model.
     fn quick(&self, scored: &ScoredCandidate, projection: &Projection) -> Option<FittedCandidate> {
+        if self.fit.deadline.has_passed() {
+            return None;
+        }
         let start = self.now.setting.with(&scored.placed);
         let free = self.free(scored.candidate, &start);
         let known = self.now.parameters.len();
@@ -171,6 +178,9 @@ impl SelectionRound<'_> {
                 self.improve(tried, *index, &fresh, CONVERGENCE_ROUNDS);
             }
         }
+        if self.fit.deadline.has_passed() {
+            return;
+        }
         // Beside an effect the declared values may diverge.
         let parameters = self.now.parameters.clone();
         let declared = self.fit.inside(declared(model, &self.now.setting), &parameters);
@@ -200,6 +210,9 @@ impl SelectionRound<'_> {
             };
             if !looked {
                 continue;
+            }
+            if self.fit.deadline.has_passed() {
+                return;
             }
             let begun = |from: &Setting, rounds: usize| match started(from, of) {
                 starts if starts.is_empty() => Vec::new(),

@@ -31,8 +31,7 @@ pub fn holds_with_finer_steps(
     added: &FittedCandidate,
 ) -> bool {
     let model = TransmissionModel { steps: FINER * fit.model.steps, ..fit.model.clone() };
-    let [fit, select] =
-        [fit, select].map(|dataset| Dataset { model: &model, records: dataset.records.clone() });
+    let [fit, select] = [fit, select].map(|dataset| Dataset { model: &model, ..dataset.clone() });
     let left = |fitted: &Fitted, rounds| {
         select.residuals(&fit.fit(&fitted.setting, &fitted.parameters, rounds)?.setting)
     };
