@@ -98,7 +98,7 @@ pub struct Outcome {
     /// Effects that the data cannot distinguish from the last effect added that had a rival.
     pub ambiguous_with: Vec<Named>,
     /// Whether a residual remains that no listed effect explains, or (except for transmissions)
-    /// that a fourth one would.
+    /// that a fourth one would. Not set with verdict `undecided`: whether one would is not known.
     pub remains: bool,
     /// Where that acts, and what it depends on.
     #[serde(skip_serializing_if = "Option::is_none")]

@@ -147,6 +147,7 @@ fn propose(
 ) -> anyhow::Result<()> {
     let Some(text) = &outcome.next_experiment.protocol else {
         let why = match rig.model.kind.is_transmission() {
+            true if outcome.early => "the time limit passed before one was designed",
             true => "no movement that the rig can play by itself tells more; see next",
             false => "a rig of this kind plays no protocols here; see next",
         };

@@ -1,6 +1,7 @@
 //! Backward elimination and substitution of effects that were added too early.
 
 use plant::effects::Site;
+use rayon::prelude::*;
 
 use super::fit::{Dataset, Fitted};
 use super::free_parameter::FreeParameter;
@@ -83,8 +84,10 @@ pub fn substitute(
             now.setting.placed.iter().all(|placed| (placed.id, placed.site) != (own.id, own.site))
         })
     };
-    let tried = runners_up.iter().filter(there).take(SUBSTITUTES).filter_map(one);
+    let others: Vec<&Fitted> = runners_up.iter().filter(there).take(SUBSTITUTES).collect();
+    let tried: Vec<Alternative> = others.into_par_iter().filter_map(one).collect();
     tried
+        .into_iter()
         .max_by(|a, b| a.beside.gain.total_cmp(&b.beside.gain))
         .filter(|best| best.beside.gain >= LEAST_SUBSTITUTION)
 }
@@ -119,7 +122,8 @@ pub fn single_effect_models(
         let (beside, selected) = beside(&fitted)?;
         Some(Alternative { beside, fitted, selected })
     };
-    let mut found: Vec<Alternative> = runners_up.iter().take(RUNNERS_UP).filter_map(one).collect();
+    let mut found: Vec<Alternative> =
+        runners_up.par_iter().take(RUNNERS_UP).filter_map(one).collect();
     found.sort_by(|a, b| a.beside.gain.total_cmp(&b.beside.gain));
     Some(found)
 }

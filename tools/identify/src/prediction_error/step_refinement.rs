@@ -35,7 +35,7 @@ pub fn holds_with_finer_steps(
     let left = |fitted: &Fitted, rounds| {
         select.residuals(&fit.fit(&fitted.setting, &fitted.parameters, rounds)?.setting)
     };
-    let (with, without) = (left(&added.fitted, WITH), left(now, WITHOUT));
+    let (with, without) = rayon::join(|| left(&added.fitted, WITH), || left(now, WITHOUT));
     let Some((with, without)) = with.zip(without) else { return true };
     let beside = now.setting.placed.len();
     let gain = validate_beside(beside, added.validation.effect(), &without, &with).gain;
