@@ -119,7 +119,7 @@ fn identify(rig: &TestRig, record: &Path) -> Value {
         .farreach(["identify", "--rig"])
         .arg(emps_rig())
         .arg(record)
-        .arg("--json")
+        .args(["--limit-s", "3600", "--json"])
         .arg(&json)
         .output()
         .unwrap();

@@ -6,8 +6,7 @@ use super::step_load::{Advance, Load};
 const SLIDING: f64 = 3.0;
 
 /// Advances one degree of freedom whose friction is smoothed, implicit in the new speed.
-#[cold]
-#[inline(never)]
+#[inline(always)]
 pub(super) fn advance_smoothed(velocity: f64, step: f64, load: &Load) -> Advance {
     let viscous = if velocity >= 0.0 { load.viscous_forward } else { load.viscous_backward };
     let half = 0.5 * step * viscous;

@@ -9,9 +9,9 @@ use std::process::Command;
 
 use serde_json::{Value, json};
 
-/// Arguments: identify --rig RIG --json FILE --jobs N RECORDS...
+/// Arguments: identify --rig RIG --json FILE --jobs N --limit-s SECONDS RECORDS...
 const ALARM: &str = concat!(
-    r#"[ "$1" = identify ] && [ "$6" = --jobs ] && [ -f "$9" ] && "#,
+    r#"[ "$1" = identify ] && [ "$8" = --limit-s ] && [ -f "${10}" ] && "#,
     r#"echo '{"verdict":"unlisted"}' > "$5""#
 );
 const FAILING: &str = "[ \"$1\" = --version ] && echo 'farreach 9' && exit; echo 'kind \

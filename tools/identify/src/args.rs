@@ -57,6 +57,10 @@ pub struct Args {
     /// withdraws that effect if p > 0.05 (use 19 or more). Each takes as long as the search itself
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub calibrate: usize,
+    /// Time after which the best answer so far is given, and said to be early (s) [default: 120,
+    /// and 120 more for each machine of --calibrate]
+    #[arg(long, value_name = "SECONDS", value_parser = seconds)]
+    pub limit_s: Option<f64>,
     /// Threads [default: one per processor]
     #[arg(long, value_name = "N")]
     pub jobs: Option<usize>,
@@ -72,4 +76,20 @@ pub struct Args {
     /// A record for reporting errors (repeatable)
     #[arg(long, value_name = "RECORD")]
     pub report_on: Vec<PathBuf>,
+}
+
+/// Longest time of a search (s), where the command line says nothing.
+const LIMIT_S: f64 = 120.0;
+
+impl Args {
+    /// Time after which the best answer so far is given (s).
+    pub(crate) fn limit_s(&self) -> f64 {
+        self.limit_s.unwrap_or(LIMIT_S * (1 + self.calibrate) as f64)
+    }
+}
+
+/// A positive number of seconds.
+fn seconds(text: &str) -> Result<f64, String> {
+    let read = text.parse::<f64>().ok().filter(|seconds| *seconds > 0.0);
+    read.ok_or_else(|| "expected a positive number of seconds".to_owned())
 }

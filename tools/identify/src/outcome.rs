@@ -22,6 +22,9 @@ pub enum Verdict {
     /// significant. No effect is named. Not for transmissions, where this is [`Verdict::Unlisted`]
     /// without a function.
     Inadequate,
+    /// The time limit ended the search before every effect was tried, and the error is above the
+    /// noise floor or that is not known: whether an effect is missing is open.
+    Undecided,
 }
 
 impl Verdict {
@@ -87,12 +90,16 @@ impl RefusalKind {
 pub struct Outcome {
     /// The verdict.
     pub verdict: Verdict,
+    /// Whether the time limit left anything out of which this could still change; the notes say
+    /// what. Left out if not.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub early: bool,
     /// Effects in the order in which they were added.
     pub effects: Vec<FoundEffect>,
     /// Effects that the data cannot distinguish from the last effect added that had a rival.
     pub ambiguous_with: Vec<Named>,
     /// Whether a residual remains that no listed effect explains, or (except for transmissions)
-    /// that a fourth one would.
+    /// that a fourth one would. Not set with verdict `undecided`: whether one would is not known.
     pub remains: bool,
     /// Where that acts, and what it depends on.
     #[serde(skip_serializing_if = "Option::is_none")]

@@ -131,6 +131,7 @@ fn whole(args: &Args) -> anyhow::Result<(RigFile, Identification)> {
         seed: args.seed,
         propose: args.propose_experiment.is_some(),
         calibrate: args.calibrate,
+        limit_s: Some(args.limit_s()),
     };
     let studied = study(&rig, &records, how);
     bar.finish_and_clear();
@@ -146,6 +147,7 @@ fn propose(
 ) -> anyhow::Result<()> {
     let Some(text) = &outcome.next_experiment.protocol else {
         let why = match rig.model.kind.is_transmission() {
+            true if outcome.early => "the time limit passed before one was designed",
             true => "no movement that the rig can play by itself tells more; see next",
             false => "a rig of this kind plays no protocols here; see next",
         };
@@ -323,6 +325,7 @@ mod tests {
             write_rig: None,
             propose_experiment: None,
             calibrate: 0,
+            limit_s: None,
             jobs: None,
             seed: 1,
             fit: Vec::new(),

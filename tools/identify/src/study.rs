@@ -10,6 +10,7 @@ use recording::record::{self, ColumnNames, Mapping, SampleColumns};
 use report::Page;
 use rig::{AxisUnit, RigFile};
 
+use crate::deadline::Deadline;
 use crate::error::{IdentifyError, Result};
 use crate::input::Series;
 use crate::models::{Options, RigCapability, of_kind, sentences};
@@ -39,13 +40,15 @@ pub struct StudyOptions {
     pub propose: bool,
     /// Replicates of the parametric bootstrap.
     pub calibrate: usize,
+    /// Time after which the best answer so far is given (s); `None` for no limit.
+    pub limit_s: Option<f64>,
 }
 
 impl Default for StudyOptions {
-    /// On all processors, without a proposal and without replicates.
+    /// On all processors, without a proposal, replicates and time limit.
     fn default() -> Self {
         let jobs = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
-        Self { jobs, seed: 1, propose: false, calibrate: 0 }
+        Self { jobs, seed: 1, propose: false, calibrate: 0, limit_s: None }
     }
 }
 
@@ -79,6 +82,9 @@ pub fn study(rig: &RigFile, records: &[Series], how: StudyOptions) -> Result<Ide
             axis.unit.symbol()
         )));
     }
+    let deadline = how.limit_s.map_or(Deadline::when(|| false), |limit_s| {
+        Deadline::when(move || started.elapsed().as_secs_f64() >= limit_s)
+    });
     let options = Options {
         seed: how.seed,
         gear,
@@ -86,6 +92,7 @@ pub fn study(rig: &RigFile, records: &[Series], how: StudyOptions) -> Result<Ide
         capability,
         propose: how.propose,
         calibrate: how.calibrate,
+        deadline: &deadline,
     };
     let begun = from_the_first(records);
     let records = begun.as_deref().unwrap_or(records);

@@ -57,6 +57,11 @@ pub fn fitted(
     outcome: &Outcome,
     provenance: &Provenance,
 ) -> Result<Written, WriteRigError> {
+    if outcome.early {
+        let what = "no rig file: the answer is early, and its parameters may not be those of the \
+                    best fit; identify again with a larger --limit-s";
+        return Ok(Written { text: None, told: String::new(), left_out: vec![what.to_owned()] });
+    }
     if outcome.verdict == Verdict::Ambiguous {
         let names = |list: &mut dyn Iterator<Item = String>| list.collect::<Vec<_>>().join(" or ");
         let found = names(

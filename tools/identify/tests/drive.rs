@@ -2,6 +2,7 @@
 //! project.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
+use identify::deadline::{Deadline, NEVER};
 use identify::equation_error::block_roles::Role;
 use identify::error::IdentifyError;
 use identify::input::Series;
@@ -103,23 +104,42 @@ fn rig(mass_tolerance: f64) -> rig::Model {
 }
 
 fn identify(records: &[Series], rig: &rig::Model) -> Result<Outcome, IdentifyError> {
+    identify_until(&NEVER, records, rig).map(|(outcome, _)| outcome)
+}
+
+/// The outcome, and the text of its page, which every outcome must make.
+fn identify_until(
+    deadline: &Deadline,
+    records: &[Series],
+    rig: &rig::Model,
+) -> Result<(Outcome, String), IdentifyError> {
     let model = of_kind(rig::ModelKind::Drive);
-    let (outcome, page) = model.identify(
-        "rig.toml",
-        rig,
-        records,
-        Options {
-            seed: 1,
-            gear: 1.0,
-            slave_count_rad: None,
-            capability: None,
-            propose: false,
-            calibrate: 0,
-        },
-    )?;
-    // Every outcome must make a page.
-    page.render().unwrap();
-    Ok(outcome)
+    let options = Options {
+        seed: 1,
+        gear: 1.0,
+        slave_count_rad: None,
+        capability: None,
+        propose: false,
+        calibrate: 0,
+        deadline,
+    };
+    let (outcome, page) = model.identify("rig.toml", rig, records, options)?;
+    Ok((outcome, page.render().unwrap()))
+}
+
+#[test]
+fn a_search_that_was_cut_short_decides_nothing_and_says_so() {
+    let records = [record(Truth { coulomb: 20.0, ..Truth::default() }, 3)];
+    let (whole, page) = identify_until(&NEVER, &records, &rig(0.25)).unwrap();
+    let text = serde_json::to_value(&whole).unwrap();
+    assert!(!whole.early && text.get("early").is_none() && !page.contains("early"));
+
+    let (early, page) = identify_until(&Deadline::when(|| true), &records, &rig(0.25)).unwrap();
+    assert_eq!((early.verdict, early.early), (Verdict::Undecided, true));
+    assert!(early.effects.is_empty() && early.notes.iter().any(|note| note.contains("--limit-s")));
+    let text = serde_json::to_value(&early).unwrap();
+    assert_eq!((&text["verdict"], &text["early"]), (&"undecided".into(), &true.into()));
+    assert!(page.contains("This answer is early"));
 }
 
 fn ids(outcome: &Outcome) -> Vec<&str> {

@@ -2,8 +2,10 @@
 //! search names it, and nothing where nothing is missing.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
-use std::sync::LazyLock;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Arc, LazyLock};
 
+use identify::deadline::{Deadline, NEVER};
 use identify::equation_error::block_roles::Role;
 use identify::prediction_error::candidates::{Candidate, candidates, free_parameters_of};
 use identify::prediction_error::fit::Dataset;
@@ -14,7 +16,7 @@ use identify::prediction_error::parametric_bootstrap::{
 use identify::prediction_error::record::{Record, rms, share_out};
 use identify::prediction_error::record_features::record_features;
 use identify::prediction_error::refit::fit_base;
-use identify::prediction_error::search::{SearchResult, search};
+use identify::prediction_error::search::{SearchResult, Unfinished, search};
 use identify::prediction_error::selection_round::FittedCandidate;
 use identify::prediction_error::step_refinement::holds_with_finer_steps;
 use identify::prediction_error::transmission_model::TransmissionModel;
@@ -35,7 +37,7 @@ fn found(effect: Option<&str>, push_v: f64) -> (TransmissionModel, SearchResult)
     share_out(&mut records, false);
     let mut model =
         TransmissionModel::new("hydrostatic.toml", &rig().model, records, Some(COUNT_RAD)).unwrap();
-    let found = search(&mut model).unwrap();
+    let found = search(&mut model, &NEVER).unwrap();
     (model, found)
 }
 
@@ -145,10 +147,53 @@ fn a_replicate_moves_alike_and_its_innovations_match_the_repeatability() {
     }
 }
 
+/// Deadlines that count how often they are asked, in place of a clock.
+#[test]
+fn an_early_answer_keeps_what_was_finished_and_names_nothing_else() {
+    let (mut model, whole) = (BACKLASH.0.clone(), &BACKLASH.1);
+    let asked = Arc::new(AtomicUsize::new(0));
+    let after = |most: usize| {
+        let asked = Arc::clone(&asked);
+        asked.store(0, Ordering::Relaxed);
+        Deadline::when(move || asked.fetch_add(1, Ordering::Relaxed) >= most)
+    };
+    let found = search(&mut model, &after(usize::MAX)).unwrap();
+    assert_eq!((found.unfinished, found.undecided), (None, false));
+    assert_eq!(found.last().objective.to_bits(), whole.last().objective.to_bits());
+    assert_eq!(found.last().setting.base, whole.last().setting.base);
+    let all = asked.load(Ordering::Relaxed);
+    assert!(all > 100, "{all} units of work");
+
+    for most in [0, 3, all / 8, all / 2, all - 1] {
+        let deadline = after(most);
+        let found = search(&mut model, &deadline).unwrap();
+        let names: Vec<_> = found.steps.iter().map(|step| step.added.effect()).collect();
+        println!("{most} of {all}: {:?} {names:?}", found.unfinished);
+        assert!(deadline.left_work_out() && found.unfinished.is_some());
+        // Backlash shows far above the floor: without it the question is open.
+        assert_eq!(found.undecided, names.is_empty() && !found.inadequate);
+        match found.unfinished {
+            Some(Unfinished::Candidates) if names.is_empty() => {
+                let tried = found.rounds.iter().flatten();
+                assert!(found.undecided && tried.into_iter().all(|tried| !tried.accepted));
+            }
+            _ => assert_eq!(names, [("backlash", Site::Slave)]),
+        }
+    }
+}
+
+#[test]
+fn replicates_that_the_deadline_leaves_out_are_not_counted() {
+    let (model, found) = &*BACKLASH;
+    let deadline = Deadline::when(|| true);
+    let chance = parametric_bootstrap(model, found, DRIVE, 19, 1, &deadline).unwrap();
+    assert_eq!((chance.replicates(), chance.unsearched, chance.alarms), (0, 19, 0));
+}
+
 #[test]
 fn replicates_without_a_missing_effect_raise_no_alarm() {
     let (model, found) = &*BACKLASH;
-    let chance = parametric_bootstrap(model, found, DRIVE, 2, 1).unwrap();
+    let chance = parametric_bootstrap(model, found, DRIVE, 2, 1, &NEVER).unwrap();
     let gain = found.steps[0].added.gain;
     assert_eq!((chance.replicates(), chance.alarms, chance.as_much(gain)), (2, 0, 0), "{chance:?}");
     assert!((chance.probability(gain) - 1.0 / 3.0).abs() < 1e-12);
@@ -165,7 +210,7 @@ fn a_withdrawn_effect_leaves_the_declared_model() {
     );
     assert!(found.without_last(model).is_some(), "nothing to take back is no failure");
     // What it explained is missing again, and that must be said.
-    found.reassess(model);
+    found.reassess(model, &NEVER);
     assert!(found.inadequate || found.unlisted_function.is_some(), "{:?}", found.generic);
 }
 

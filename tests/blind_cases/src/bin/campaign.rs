@@ -59,7 +59,7 @@ struct Args {
     /// Handed to identify
     #[arg(long, default_value_t = 2)]
     jobs: usize,
-    /// Longest time of one case (s)
+    /// Handed to identify, which then gives an early answer; it is ended after twice as long (s)
     #[arg(long, default_value_t = 300)]
     limit_s: u64,
     /// One line (JSON) a scored case; the campaign goes on after what is there
@@ -296,13 +296,15 @@ fn identify(
         .arg(json)
         .arg("--jobs")
         .arg(args.jobs.to_string())
+        .arg("--limit-s")
+        .arg(args.limit_s.to_string())
         .args(records)
         .stdin(Stdio::null())
         .stdout(Stdio::null())
         .stderr(File::create(said)?)
         .spawn()
         .with_context(|| args.farreach.display().to_string())?;
-    let limit = Duration::from_secs(args.limit_s);
+    let limit = Duration::from_secs(2 * args.limit_s);
     let status = loop {
         if let Some(status) = child.try_wait()? {
             break Some(status);

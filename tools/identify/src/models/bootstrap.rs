@@ -11,10 +11,21 @@ const BY_CHANCE: f64 = 0.05;
 
 /// Runs the bootstrap with `machines` replicates without the last effect, and withdraws that effect
 /// if it is not significant.
-pub(super) fn calibrate(study: &mut Study, servo: ServoGains, machines: usize, seed: u64) {
-    let bootstrap =
-        parametric_bootstrap(&study.model, &study.found, servo, machines, seed).unwrap_or_default();
-    let lost = machines - bootstrap.replicates();
+pub(super) fn calibrate(study: &mut Study<'_>, servo: ServoGains, machines: usize, seed: u64) {
+    let (model, found, deadline) = (&study.model, &study.found, study.deadline);
+    if found.unfinished.is_some() {
+        return;
+    }
+    let bootstrap = parametric_bootstrap(model, found, servo, machines, seed, deadline);
+    let bootstrap = bootstrap.unwrap_or_default();
+    let unsearched = bootstrap.unsearched;
+    if unsearched > 0 {
+        study.notes.push(format!(
+            "the time limit (--limit-s) ended --calibrate early: {unsearched} of {machines} \
+             machines were not searched and are not counted"
+        ));
+    }
+    let lost = machines - unsearched - bootstrap.replicates();
     if lost > 0 {
         study.notes.push(format!(
             "{lost} of {machines} machines for --calibrate could not be simulated along these \
@@ -50,7 +61,7 @@ pub(super) fn calibrate(study: &mut Study, servo: ServoGains, machines: usize, s
         );
     }
     if calibration.withdrawn {
-        study.found.reassess(&study.model);
+        study.found.reassess(&study.model, deadline);
     }
     study.calibration = Some(calibration);
 }
@@ -88,7 +99,7 @@ mod tests {
 
     #[test]
     fn an_effect_is_withdrawn_if_replicates_reach_its_gain_not_if_they_are_few() {
-        let of = |gains: Vec<f64>| BootstrapResult { alarms: 0, gains };
+        let of = |gains: Vec<f64>| BootstrapResult { gains, ..BootstrapResult::default() };
         // 1 of 39 and the one at hand are 0.05.
         assert!(!too_often(&of([vec![0.0; 38], vec![0.5]].concat()), 0.4));
         assert!(too_often(&of([vec![0.0; 18], vec![0.5]].concat()), 0.4));

@@ -39,7 +39,7 @@ struct Discrimination {
 
 /// Returns the next experiment with its protocol, or the reason why there is none.
 pub(super) fn propose(
-    study: &Study,
+    study: &Study<'_>,
     capability: &RigCapability,
     verdict: Verdict,
     parameters: &[FittedParameter],
@@ -48,12 +48,12 @@ pub(super) fn propose(
         Verdict::Ambiguous => between_two(study, capability),
         Verdict::Effect | Verdict::None => for_parameters(study, capability, parameters),
         // With an unlisted effect there are no two models to compare.
-        Verdict::Unlisted | Verdict::Inadequate => None,
+        Verdict::Unlisted | Verdict::Inadequate | Verdict::Undecided => None,
     }
 }
 
 /// Discriminates an effect from its first rival.
-fn between_two(study: &Study, capability: &RigCapability) -> Option<NextExperiment> {
+fn between_two(study: &Study<'_>, capability: &RigCapability) -> Option<NextExperiment> {
     let found = &study.found;
     let (at, step) = found.contested()?;
     let rival = *step.rivals.first()?;
@@ -62,6 +62,7 @@ fn between_two(study: &Study, capability: &RigCapability) -> Option<NextExperime
     let floors = floors(study)?;
     let all: Vec<(Movement, Record)> = Movement::all(capability)
         .into_par_iter()
+        .filter(|_| !study.deadline.has_passed())
         .filter_map(|movement| Some((movement, recorded(study, capability, movement, own)?)))
         .collect();
     // First by the whole difference, then by the part that the rival's parameters cannot absorb.
@@ -77,6 +78,7 @@ fn between_two(study: &Study, capability: &RigCapability) -> Option<NextExperime
     let mut ranked: Vec<Discrimination> = first
         .into_iter()
         .take(PROJECTED)
+        .take_while(|_| !study.deadline.has_passed())
         .filter_map(|(_, movement, model)| {
             let left = difference(&model, own, &other, &floors)?;
             let rows = left.len();
@@ -138,7 +140,7 @@ impl Information {
 /// Selects movements for the parameters that were not identifiable; if there are none, or no
 /// movement helps, for all of them.
 fn for_parameters(
-    study: &Study,
+    study: &Study<'_>,
     capability: &RigCapability,
     parameters: &[FittedParameter],
 ) -> Option<NextExperiment> {
@@ -152,6 +154,7 @@ fn for_parameters(
     let floors = floors(study)?;
     let shown: Vec<Information> = Movement::all(capability)
         .into_iter()
+        .take_while(|_| !study.deadline.has_passed())
         .filter_map(|movement| shown(study, capability, movement, &all, &floors))
         .collect();
     let best =
@@ -214,7 +217,7 @@ fn for_parameters(
 /// Computes the information of a movement on each parameter, with the sensitivities to all others
 /// projected out.
 fn shown(
-    study: &Study,
+    study: &Study<'_>,
     capability: &RigCapability,
     movement: Movement,
     of: &[usize],
@@ -256,6 +259,7 @@ mod tests {
     use plant::effects::Site;
 
     use super::*;
+    use crate::deadline::NEVER;
     use crate::equation_error::block_roles::Role;
     use crate::models::simulated_experiment::plant;
     use crate::outcome::Identifiability;
@@ -278,7 +282,7 @@ mod tests {
     fn study(
         effect: Option<PlacedEffect>,
         rival: Option<(&'static str, Site)>,
-    ) -> (RigFile, RigCapability, Study) {
+    ) -> (RigFile, RigCapability, Study<'static>) {
         let rig = rig();
         let capability = RigCapability::of(&rig).unwrap();
         let empty =
@@ -299,7 +303,7 @@ mod tests {
             record
         });
         let model = TransmissionModel { records: records.to_vec(), ..empty };
-        let fit = Dataset { model: &model, records: vec![0] };
+        let fit = Dataset { records: vec![0], ..Dataset::whole(&model) };
         let base = fit.evaluate(model.start()).unwrap();
         let fitted = fit.evaluate(setting).unwrap();
         let index = |name: &str| {
@@ -332,7 +336,11 @@ mod tests {
         });
         let steps = steps.into_iter().collect();
         let found = SearchResult { base, steps, ..SearchResult::default() };
-        (rig, capability, Study { model, found, notes: Vec::new(), calibration: None })
+        (
+            rig,
+            capability,
+            Study { model, found, notes: Vec::new(), calibration: None, deadline: &NEVER },
+        )
     }
 
     fn simulate(next: &NextExperiment, rig: &RigFile) -> Protocol {

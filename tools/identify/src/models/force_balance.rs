@@ -47,7 +47,7 @@ impl Model for ForceBalanceModel {
         rig_file: &str,
         declared: &Declared,
         records: &[Series],
-        options: Options,
+        options: Options<'_>,
     ) -> Result<(Outcome, Page)> {
         let mut notes: Vec<String> = records.iter().flat_map(|r| r.notes.iter().cloned()).collect();
         let (mut balances, mut channel) = (Vec::new(), "force_n");

@@ -30,6 +30,7 @@ mod unaccepted_effects;
 pub use candidate_movements::RigCapability;
 pub(crate) use sentences::sentences;
 
+use crate::deadline::Deadline;
 use crate::error::Result;
 use crate::input::Series;
 use crate::outcome::Outcome;
@@ -48,7 +49,7 @@ pub fn of_kind(kind: ModelKind) -> &'static dyn Model {
 
 /// Options from the command line.
 #[derive(Clone, Copy, Debug)]
-pub struct Options {
+pub struct Options<'a> {
     /// Seed of the split, and of simulated machines.
     pub seed: u64,
     /// Turns of the model's master per turn of the measured handle.
@@ -61,6 +62,8 @@ pub struct Options {
     pub propose: bool,
     /// Replicates of the parametric bootstrap.
     pub calibrate: usize,
+    /// When the best answer so far is given.
+    pub deadline: &'a Deadline,
 }
 
 /// A kind of model: pure, from the declared model and columns of data to the verdict and its page.
@@ -80,6 +83,6 @@ pub trait Model: Sync {
         rig_file: &str,
         declared: &Declared,
         records: &[Series],
-        options: Options,
+        options: Options<'_>,
     ) -> Result<(Outcome, Page)>;
 }

@@ -52,7 +52,7 @@ impl Model for Oscillator {
         rig_file: &str,
         declared: &Declared,
         series: &[Series],
-        options: Options,
+        options: Options<'_>,
     ) -> Result<(Outcome, Page)> {
         let units = Units::VOLTS;
         let parameters = declared_parameters(rig_file, declared, &units, TERMS)?;

@@ -14,7 +14,7 @@ use crate::prediction_error::transmission_model::{PlacedEffect, Setting};
 /// Fits the model with the effect at index `at` replaced by a rival to the same records; returns it
 /// with its estimated parameters.
 pub(super) fn rival_of(
-    study: &Study,
+    study: &Study<'_>,
     at: usize,
     rival: (&'static str, Site),
 ) -> Option<(Setting, Vec<FreeParameter>)> {

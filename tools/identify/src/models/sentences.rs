@@ -9,6 +9,10 @@ use crate::effects::find;
 use crate::outcome::{AtBounds, Named, Outcome, Undecided, UnlistedTable, Verdict};
 use crate::outcome_tables::short;
 
+/// What is said of an answer that the time limit forced.
+const EARLY: &str =
+    " This answer is early: the time limit (--limit-s) passed before all work was done.";
+
 /// Where an effect acts.
 fn place(site: &str) -> String {
     if site == Site::Line.name() { "in the line".to_owned() } else { format!("at the {site}") }
@@ -23,6 +27,10 @@ fn place_unlisted(site: &str) -> String {
 /// finds where an effect acts: it does for transmissions.
 pub(crate) fn sentences(outcome: &Outcome, located: bool) -> (Tone, String, String) {
     let (mut tone, mut sentence) = verdict(outcome, located);
+    if outcome.early {
+        tone = Tone::Warning;
+        sentence += EARLY;
+    }
     if let Some(at_bounds) = &outcome.at_bounds {
         sentence += &bounds(at_bounds);
         if outcome.verdict == Verdict::None {
@@ -127,6 +135,12 @@ fn verdict(outcome: &Outcome, located: bool) -> (Tone, String) {
              most of the error."
                 .to_owned(),
         ),
+        Verdict::Undecided => (
+            Tone::Warning,
+            "Whether the declared model lacks an effect is open: an error remains, and not every \
+             effect was tried."
+                .to_owned(),
+        ),
         Verdict::Unlisted => {
             let of = |unlisted: &UnlistedTable| match (unlisted.variable(), located) {
                 (Some(on), true) => {
@@ -136,6 +150,9 @@ fn verdict(outcome: &Outcome, located: bool) -> (Tone, String) {
                     Some(like) => format!("; it depends on {on}, {like}"),
                     None => format!("; it depends on {on}"),
                 },
+                (None, _) if outcome.early => {
+                    format!("; it acts {}", place_unlisted(&unlisted.site))
+                }
                 (None, _) => format!(
                     "; it acts {}, and no function of one variable explains it",
                     place_unlisted(&unlisted.site)

@@ -17,7 +17,7 @@ use crate::prediction_error::validation::errors;
 
 /// Noise floor of each channel: the repeatability, or the residual of the fitted model if nothing
 /// was repeated.
-pub(super) fn floors(study: &Study) -> Option<Vec<(Channel, f64)>> {
+pub(super) fn floors(study: &Study<'_>) -> Option<Vec<(Channel, f64)>> {
     let report = study.model.of_role(Role::Report);
     let errors = errors(&study.model, &report, &study.found.last().setting)?;
     Some(
@@ -30,7 +30,7 @@ pub(super) fn floors(study: &Study) -> Option<Vec<(Channel, f64)>> {
 
 /// Simulates the record of a movement with a setting.
 pub(super) fn recorded(
-    study: &Study,
+    study: &Study<'_>,
     capability: &RigCapability,
     movement: Movement,
     setting: &Setting,

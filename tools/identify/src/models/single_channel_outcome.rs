@@ -39,6 +39,8 @@ fn outcome(study: &Study<'_>) -> Outcome {
         || found.is_inadequate()
         || found.last_round.iter().any(|t| t.validation.accepted);
     let verdict = match (&found.function, found.is_inadequate()) {
+        // A small error would not tell whether an effect is missing: these records have no floor.
+        _ if study.early && found.steps.is_empty() => Verdict::Undecided,
         (Some(_), _) => Verdict::Unlisted,
         (None, true) => Verdict::Inadequate,
         (None, false) => Verdict::of(found.steps.len(), rivals.len(), remains),
@@ -60,6 +62,7 @@ fn outcome(study: &Study<'_>) -> Outcome {
     let site = regression.sites.first().copied().unwrap_or_default();
     Outcome {
         verdict,
+        early: study.early,
         effects: found.steps.iter().enumerate().map(|step| effect(study, step)).collect(),
         ambiguous_with: rivals
             .iter()

@@ -17,6 +17,8 @@ pub(super) struct Study<'a> {
     pub(super) channel: &'static str,
     /// Notes on the data.
     pub(super) notes: Vec<String>,
+    /// Whether the deadline ended the search.
+    pub(super) early: bool,
 }
 
 /// All rows of a record as one block.

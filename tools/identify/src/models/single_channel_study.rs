@@ -39,13 +39,13 @@ const LEAST_EXCUSED: f64 = 0.2;
 pub(super) fn study(
     predictor: Predictor<'_>,
     records: &[Series],
-    options: Options,
-    (channel, notes): (&'static str, Vec<String>),
+    options: Options<'_>,
+    (channel, mut notes): (&'static str, Vec<String>),
 ) -> Result<(Outcome, Page)> {
     let regression = predictor.regression();
     let blocks = blocks(regression, records, options.seed)?;
     let functions = functions(&predictor, &blocks);
-    let found = search(&predictor, &blocks, &functions).ok_or_else(|| {
+    let found = search(&predictor, &blocks, &functions, options.deadline).ok_or_else(|| {
         let files: Vec<&str> = records.iter().map(|r| r.file.as_str()).collect();
         let columns: Vec<&str> = regression.parameters.iter().map(|p| p.name.as_str()).collect();
         IdentifyError::Unusable(format!(
@@ -55,7 +55,14 @@ pub(super) fn study(
             columns.join(", ")
         ))
     })?;
-    Ok(conclude(&Study { predictor, blocks, found, channel, notes }))
+    let early = options.deadline.left_work_out();
+    if early {
+        notes.push(
+            "the time limit (--limit-s) ended the search early: not every effect was tried"
+                .to_owned(),
+        );
+    }
+    Ok(conclude(&Study { predictor, blocks, found, channel, notes, early }))
 }
 
 /// Whether a parameter must be declared.

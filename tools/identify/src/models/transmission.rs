@@ -36,7 +36,7 @@ impl Model for Transmission {
         rig_file: &str,
         declared: &Declared,
         records: &[Series],
-        options: Options,
+        options: Options<'_>,
     ) -> Result<(Outcome, Page)> {
         let mut notes: Vec<String> =
             records.iter().flat_map(|record| record.notes.iter().cloned()).collect();
@@ -49,8 +49,9 @@ impl Model for Transmission {
                     .to_owned(),
             );
         }
-        let found = search(&mut model).ok_or_else(|| lost(&model))?;
-        let mut study = Study { model, found, notes, calibration: None };
+        let deadline = options.deadline;
+        let found = search(&mut model, deadline).ok_or_else(|| lost(&model))?;
+        let mut study = Study { model, found, notes, calibration: None, deadline };
         if let (1.., Some(capability)) = (options.calibrate, &options.capability) {
             calibrate(&mut study, capability.servo_gains(), options.calibrate, options.seed);
         }
@@ -65,7 +66,7 @@ fn model_of(
     rig_file: &str,
     declared: &Declared,
     records: &[Series],
-    options: &Options,
+    options: &Options<'_>,
     notes: &mut Vec<String>,
 ) -> Result<TransmissionModel> {
     let (informative, left_out) = informative(records);
@@ -161,6 +162,7 @@ fn lost(model: &TransmissionModel) -> IdentifyError {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::deadline::NEVER;
 
     #[test]
     fn a_hand_in_one_segment_is_assumed_in_the_whole_recording() {
@@ -222,6 +224,7 @@ mod tests {
             capability: None,
             propose: false,
             calibrate: 0,
+            deadline: &NEVER,
         };
         let mut notes = Vec::new();
         (model_of("rig.toml", &rig.model, records, &options, &mut notes), notes)

@@ -22,14 +22,18 @@ use crate::prediction_error::identifiability::{Sensitivity, sensitivities};
 use crate::prediction_error::nonparametric::NODES;
 use crate::prediction_error::nonparametric_search::UnlistedFunction;
 use crate::prediction_error::record::rms;
-use crate::prediction_error::search::SearchResult;
+use crate::prediction_error::search::{SearchResult, Unfinished};
 use crate::prediction_error::transmission_model::Channel;
 use crate::prediction_error::validation::{BLOCK, Validation, errors};
+
+/// Note on a proposal that the deadline cut short.
+const PROPOSED_EARLY: &str = "the time limit (--limit-s) passed before every movement of \
+                              --propose-experiment was simulated";
 
 /// Returns the outcome and its page; `None` if the last model cannot be simulated. With a
 /// `capability`, the next experiment is designed by simulation.
 pub(super) fn conclude(
-    study: &Study,
+    study: &Study<'_>,
     capability: Option<&RigCapability>,
 ) -> Option<(Outcome, Page)> {
     let mut outcome = outcome(study)?;
@@ -38,21 +42,29 @@ pub(super) fn conclude(
     {
         outcome.next_experiment = next;
     }
+    if capability.is_some() && study.deadline.left_work_out() {
+        outcome.notes.push(PROPOSED_EARLY.to_owned());
+    }
+    outcome.early = study.deadline.left_work_out();
     let page = transmission_page::page(study, &outcome)?;
     Some((outcome, page))
 }
 
-fn outcome(study: &Study) -> Option<Outcome> {
+fn outcome(study: &Study<'_>) -> Option<Outcome> {
     let found = &study.found;
     let rivals = found.contested().map_or(&[][..], |(_, step)| &step.rivals);
     let remains = found.unlisted_function.is_some() || found.inadequate;
-    let verdict = Verdict::of(found.steps.len(), rivals.len(), remains);
+    let verdict = match found.undecided {
+        true => Verdict::Undecided,
+        false => Verdict::of(found.steps.len(), rivals.len(), remains),
+    };
     let fit = Dataset::of(&study.model, Role::Fit);
     let with_deviation = fit.deviations(found.last(), BLOCK);
     let (error, parameters) = (error(study)?, parameters(study, &with_deviation));
     Some(Outcome {
         undecided: None,
         verdict,
+        early: false,
         effects: effects(study, &with_deviation),
         ambiguous_with: rivals
             .iter()
@@ -131,7 +143,7 @@ fn table(
     }
 }
 
-fn effects(study: &Study, with_deviation: &[(FreeParameter, f64)]) -> Vec<FoundEffect> {
+fn effects(study: &Study<'_>, with_deviation: &[(FreeParameter, f64)]) -> Vec<FoundEffect> {
     let last = study.found.last();
     let of = |at: usize, name: &str| {
         let waves: Vec<&(FreeParameter, f64)> = with_deviation
@@ -188,7 +200,7 @@ fn effects(study: &Study, with_deviation: &[(FreeParameter, f64)]) -> Vec<FoundE
         .collect()
 }
 
-fn error(study: &Study) -> Option<BTreeMap<String, ChannelError>> {
+fn error(study: &Study<'_>) -> Option<BTreeMap<String, ChannelError>> {
     let report = study.model.of_role(Role::Report);
     let declared = errors(&study.model, &report, &study.model.as_declared()).unwrap_or_default();
     let before = errors(&study.model, &report, &study.found.base.setting)?;
@@ -228,7 +240,7 @@ fn error(study: &Study) -> Option<BTreeMap<String, ChannelError>> {
     Some(channels.collect())
 }
 
-fn parameters(study: &Study, with_deviation: &[(FreeParameter, f64)]) -> Vec<FittedParameter> {
+fn parameters(study: &Study<'_>, with_deviation: &[(FreeParameter, f64)]) -> Vec<FittedParameter> {
     let model = &study.model;
     let last = study.found.last();
     let effects: Vec<FreeParameter> = with_deviation
@@ -278,7 +290,7 @@ fn parameters(study: &Study, with_deviation: &[(FreeParameter, f64)]) -> Vec<Fit
 }
 
 /// The name of an effect's free parameter for readers.
-fn parameter_name(study: &Study, parameter: &FreeParameter) -> Option<String> {
+fn parameter_name(study: &Study<'_>, parameter: &FreeParameter) -> Option<String> {
     match parameter {
         FreeParameter::Effect { placed, range: SearchRange { name, .. } }
         | FreeParameter::Phasor { placed, name, .. } => {
@@ -291,7 +303,7 @@ fn parameter_name(study: &Study, parameter: &FreeParameter) -> Option<String> {
     }
 }
 
-fn roles(study: &Study) -> Roles {
+fn roles(study: &Study<'_>) -> Roles {
     let names = |role| {
         study
             .model
@@ -303,7 +315,7 @@ fn roles(study: &Study) -> Roles {
     Roles { fit: names(Role::Fit), select: names(Role::Select), report: names(Role::Report) }
 }
 
-fn candidates(study: &Study) -> Vec<CandidateGain> {
+fn candidates(study: &Study<'_>) -> Vec<CandidateGain> {
     let row = |round: usize, generic: bool, validation: &Validation| CandidateGain {
         round,
         id: format!("{}@{}", validation.id, validation.site),
@@ -326,7 +338,7 @@ fn candidates(study: &Study) -> Vec<CandidateGain> {
     rows
 }
 
-fn notes(study: &Study) -> Vec<String> {
+fn notes(study: &Study<'_>) -> Vec<String> {
     let steps = &study.found.steps;
     let came_back = |id: &str, site: Site| {
         steps.iter().any(|step| (step.added.id, step.added.site) == (id, site))
@@ -338,10 +350,21 @@ fn notes(study: &Study) -> Vec<String> {
                  or the error stayed far above the repeatability"
             )
         });
-    study.notes.iter().cloned().chain(given_up).collect()
+    let unfinished = study.found.unfinished.map(|what| {
+        let left_out = match what {
+            Unfinished::Candidates => "not every effect was tried",
+            Unfinished::Comparison => {
+                "the effects named were not compared with every alternative, and no further one \
+                 was tried"
+            }
+            Unfinished::Functions => "not every function of one variable was tried",
+        };
+        format!("the time limit (--limit-s) ended the search early: {left_out}")
+    });
+    study.notes.iter().cloned().chain(given_up).chain(unfinished).collect()
 }
 
-fn next_experiment(study: &Study, verdict: Verdict) -> NextExperiment {
+fn next_experiment(study: &Study<'_>, verdict: Verdict) -> NextExperiment {
     let found = &study.found;
     match verdict {
         Verdict::Ambiguous => {
@@ -357,6 +380,10 @@ fn next_experiment(study: &Study, verdict: Verdict) -> NextExperiment {
                  a hand that drives the slave",
             )
         }
+        Verdict::Undecided => NextExperiment::new(
+            "The search was not finished.",
+            "nothing new: identify these records again with a larger --limit-s",
+        ),
         Verdict::Unlisted => NextExperiment::new(
             "A residual remains that no listed effect explains.",
             "the same movement several times, and movements in which the variable it depends on \

@@ -23,10 +23,10 @@ const LONGEST_S: f64 = 1.0;
 const MOST_FIGURES: usize = 3;
 
 /// The whole page; `None` where a model cannot be simulated.
-pub(super) fn page(study: &Study, outcome: &Outcome) -> Option<Page> {
+pub(super) fn page(study: &Study<'_>, outcome: &Outcome) -> Option<Page> {
     let model = &study.model;
     let report = model.of_role(Role::Report);
-    let dataset = Dataset { model, records: report.clone() };
+    let dataset = Dataset::of(model, Role::Report);
     let before = dataset.residuals(&study.found.base.setting)?;
     let after = dataset.residuals(&study.found.last().setting)?;
     let with = !outcome.effects.is_empty();
@@ -79,7 +79,7 @@ fn asked(beside: usize) -> f64 {
 
 /// The measured movement of a record, and its innovations.
 fn figures(
-    study: &Study,
+    study: &Study<'_>,
     (label, index): (&str, usize),
     (before, after): (&Residual, &Residual),
     with: bool,
@@ -136,7 +136,7 @@ impl Rows {
     /// Adds the rows of a record, with the residuals of the declared model and of the final one.
     fn take(
         &mut self,
-        study: &Study,
+        study: &Study<'_>,
         record: &Record,
         channel: Channel,
         (before, after): (&[f64], &[f64]),
@@ -177,7 +177,7 @@ impl Rows {
 
 /// The innovation of one channel over the reporting records; `None` where none has the channel.
 fn residual_of(
-    study: &Study,
+    study: &Study<'_>,
     report: &[usize],
     channel: Channel,
     (before, after): (&[Residual], &[Residual]),

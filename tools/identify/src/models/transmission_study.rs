@@ -1,11 +1,12 @@
 //! A transmission with its search result, from which verdict, page and next experiment follow.
 
+use crate::deadline::Deadline;
 use crate::outcome::Calibration;
 use crate::prediction_error::search::SearchResult;
 use crate::prediction_error::transmission_model::TransmissionModel;
 
 /// A transmission's model, records and search result.
-pub(super) struct Study {
+pub(super) struct Study<'a> {
     /// Declared model and records.
     pub(super) model: TransmissionModel,
     /// What the search found.
@@ -14,4 +15,6 @@ pub(super) struct Study {
     pub(super) notes: Vec<String>,
     /// Result of the parametric bootstrap, if requested.
     pub(super) calibration: Option<Calibration>,
+    /// When nothing more is begun.
+    pub(super) deadline: &'a Deadline,
 }

@@ -1,6 +1,7 @@
 //! Backward elimination and substitution of effects that were added too early.
 
 use plant::effects::Site;
+use rayon::prelude::*;
 
 use super::fit::{Dataset, Fitted};
 use super::free_parameter::FreeParameter;
@@ -30,6 +31,9 @@ pub fn redundant_effect(
 ) -> Option<(usize, Fitted)> {
     let with = select.residuals(&now.setting)?;
     (0..now.setting.placed.len().saturating_sub(1)).find_map(|at| {
+        if fit.deadline.has_passed() {
+            return None;
+        }
         let mut setting = now.setting.clone();
         let placed = setting.placed.remove(at);
         let left: Vec<FreeParameter> =
@@ -61,7 +65,7 @@ pub fn substitute(
 ) -> Option<Alternative> {
     let with = select.residuals(&now.setting)?;
     let one = |other: &Fitted| -> Option<Alternative> {
-        let placed = other.setting.placed.last()?;
+        let placed = other.setting.placed.last().filter(|_| !fit.deadline.has_passed())?;
         let mut setting = now.setting.clone();
         *setting.placed.get_mut(at)? = placed.clone();
         let kept = now.parameters.iter().filter(|parameter| !parameter.is_of(at)).cloned();
@@ -80,8 +84,10 @@ pub fn substitute(
             now.setting.placed.iter().all(|placed| (placed.id, placed.site) != (own.id, own.site))
         })
     };
-    let tried = runners_up.iter().filter(there).take(SUBSTITUTES).filter_map(one);
+    let others: Vec<&Fitted> = runners_up.iter().filter(there).take(SUBSTITUTES).collect();
+    let tried: Vec<Alternative> = others.into_par_iter().filter_map(one).collect();
     tried
+        .into_iter()
         .max_by(|a, b| a.beside.gain.total_cmp(&b.beside.gain))
         .filter(|best| best.beside.gain >= LEAST_SUBSTITUTION)
 }
@@ -96,7 +102,7 @@ pub fn single_effect_models(
 ) -> Option<Vec<Alternative>> {
     let with = select.residuals(&now.setting)?;
     let one = |other: &Fitted| -> Option<Alternative> {
-        let placed = other.setting.placed.first()?;
+        let placed = other.setting.placed.first().filter(|_| !fit.deadline.has_passed())?;
         let mut free: Vec<FreeParameter> =
             now.parameters.iter().filter(|parameter| parameter.is_base()).cloned().collect();
         free.extend(other.of_effects().cloned());
@@ -116,7 +122,8 @@ pub fn single_effect_models(
         let (beside, selected) = beside(&fitted)?;
         Some(Alternative { beside, fitted, selected })
     };
-    let mut found: Vec<Alternative> = runners_up.iter().take(RUNNERS_UP).filter_map(one).collect();
+    let mut found: Vec<Alternative> =
+        runners_up.par_iter().take(RUNNERS_UP).filter_map(one).collect();
     found.sort_by(|a, b| a.beside.gain.total_cmp(&b.beside.gain));
     Some(found)
 }

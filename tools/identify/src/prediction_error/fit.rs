@@ -16,6 +16,7 @@ use rayon::prelude::*;
 
 use super::free_parameter::FreeParameter;
 use super::transmission_model::{Residual, Setting, TransmissionModel};
+use crate::deadline::{Deadline, NEVER};
 use crate::equation_error::block_roles::Role;
 
 /// A root-mean-square sensitivity of the weighted residual below this counts as zero.
@@ -39,6 +40,8 @@ pub struct Dataset<'a> {
     pub model: &'a TransmissionModel,
     /// Indices of the records.
     pub records: Vec<usize>,
+    /// When fits end with the best found so far.
+    pub deadline: &'a Deadline,
 }
 
 /// A setting with its residuals.
@@ -69,12 +72,18 @@ impl Fitted {
 impl<'a> Dataset<'a> {
     /// The records of one role.
     pub fn of(model: &'a TransmissionModel, role: Role) -> Self {
-        Self { model, records: model.of_role(role) }
+        Self { model, records: model.of_role(role), deadline: &NEVER }
     }
 
     /// All records.
     pub fn whole(model: &'a TransmissionModel) -> Self {
-        Self { model, records: (0..model.records.len()).collect() }
+        Self { model, records: (0..model.records.len()).collect(), deadline: &NEVER }
+    }
+
+    /// Ends fits at a deadline.
+    #[must_use]
+    pub fn until(self, deadline: &'a Deadline) -> Self {
+        Self { deadline, ..self }
     }
 }
 
@@ -237,7 +246,7 @@ impl Dataset<'_> {
         rounds: usize,
     ) -> Option<Fitted> {
         let mut best = self.evaluate(self.inside(start.clone(), parameters))?;
-        for _ in 0..rounds {
+        for _ in (0..rounds).take_while(|_| !self.deadline.has_passed()) {
             let before = best.objective;
             let problem = Problem {
                 dataset: self,
@@ -285,8 +294,9 @@ impl Dataset<'_> {
         parameters: &[FreeParameter],
         rounds: usize,
     ) -> Vec<Fitted> {
+        let begun = starts.par_iter().filter(|_| !self.deadline.has_passed());
         let mut begun: Vec<Fitted> =
-            starts.par_iter().filter_map(|start| self.fit(start, parameters, rounds)).collect();
+            begun.filter_map(|start| self.fit(start, parameters, rounds)).collect();
         begun.sort_by(|a, b| a.objective.total_cmp(&b.objective));
         begun.truncate(LEADING);
         begun
@@ -408,7 +418,7 @@ impl LeastSquaresProblem<f64, Dyn, Dyn> for Problem<'_, '_> {
     }
 
     fn jacobian(&self) -> Option<DMatrix<f64>> {
-        let now = self.now.as_ref()?;
+        let now = self.now.as_ref().filter(|_| !self.dataset.deadline.has_passed())?;
         let rows = self.residuals()?;
         let mut known = self.known.borrow_mut();
         if let Some(known) = known.as_mut() {

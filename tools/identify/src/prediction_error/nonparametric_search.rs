@@ -134,18 +134,22 @@ fn add_hat(setting: Setting, node: usize, units: f64) -> Setting {
 
 /// Fits functions of one variable beside the current model and validates them on the selecting
 /// records. With `inadequate`, listed effects are known to be inadequate: functions are limited to
-/// the localised site, and the localisation is returned.
+/// the localised site, and the localisation is returned. No function is returned if the deadline
+/// left any out.
 pub fn search_nonparametric(
     (fit, select): (&Dataset<'_>, &Dataset<'_>),
     now: &Fitted,
     inadequate: bool,
 ) -> NonparametricResult {
     let model = fit.model;
+    let localisation = if inadequate { localise((fit, select), &now.setting) } else { None };
+    if fit.deadline.has_passed() {
+        return NonparametricResult { localisation, ..NonparametricResult::default() };
+    }
     let projection = Projection::new(fit, now);
     let Some(before) = select.residuals(&now.setting) else {
         return NonparametricResult::default();
     };
-    let localisation = if inadequate { localise((fit, select), &now.setting) } else { None };
     let has_slave = model.records.iter().all(|record| record.slave.is_some());
     let has_torque = model.records.iter().any(|record| record.torque.is_some() && !record.idle);
     let mut scored: Vec<(f64, Setting)> = PLACES
@@ -175,7 +179,7 @@ pub fn search_nonparametric(
         .into_par_iter()
         .take(5)
         .filter_map(|(_, start)| {
-            let table = start.tables.last()?;
+            let table = start.tables.last().filter(|_| !fit.deadline.has_passed())?;
             let most = NODE_BOUND * unit((table.site, table.variable));
             let nodes = (0..NODES).map(|node| FreeParameter::Node { node, most });
             let free: Vec<FreeParameter> = now.parameters.iter().cloned().chain(nodes).collect();
@@ -194,6 +198,7 @@ pub fn search_nonparametric(
     let validation = tried.iter().map(|tried| tried.validation.clone()).collect();
     // Without an adequate listed effect, a partial explanation is reported though it does not pass.
     let enough = |tried: &UnlistedFunction| match inadequate {
+        _ if fit.deadline.left_work_out() => false,
         true => tried.validation.gain >= LEAST_HINT,
         false => tried.validation.accepted,
     };

@@ -21,6 +21,7 @@ use super::transmission_model::{
     Channel, EffectGroups, OBSERVER_RAD_S, PlacedEffect, Setting, TransmissionModel,
 };
 use super::validation::{Validation, repeat_differences};
+use crate::deadline::Deadline;
 
 /// Gains of the position servo along a measured movement.
 #[derive(Clone, Copy, Debug)]
@@ -41,6 +42,8 @@ pub struct BootstrapResult {
     /// Largest gain of a falsely found effect per replicate, 0 if there was none. Replicates that
     /// could not be simulated are omitted.
     pub gains: Vec<f64>,
+    /// Replicates that the deadline left unsearched.
+    pub unsearched: usize,
 }
 
 impl BootstrapResult {
@@ -85,13 +88,15 @@ const CORRECTION: f64 = 3.0;
 const HARDEST: f64 = 10.0;
 
 /// Runs the selection on `replicates` simulated machines that have all effects found but the last.
-/// `None` if the disturbances cannot be scaled.
+/// `None` if the disturbances cannot be scaled. Replicates whose search the deadline cut short are
+/// not counted.
 pub fn parametric_bootstrap(
     model: &TransmissionModel,
     found: &SearchResult,
     servo: ServoGains,
     replicates: usize,
     seed: u64,
+    deadline: &Deadline,
 ) -> Option<BootstrapResult> {
     let mut null = NullModel::new(model, found, servo)?;
     let sizes = null.sizes()?;
@@ -106,7 +111,12 @@ pub fn parametric_bootstrap(
     let mut chance = BootstrapResult::default();
     for turn in 0..replicates {
         let other = null.simulate(sizes, seed.wrapping_add(turn as u64 + 1));
-        let Some(found) = other.and_then(|mut other| search(&mut other)) else { continue };
+        let found = other.and_then(|mut other| search(&mut other, deadline));
+        if deadline.has_passed() {
+            chance.unsearched = replicates - turn;
+            break;
+        }
+        let Some(found) = found else { continue };
         let wrong = found.steps.iter().map(|step| &step.added).filter(|added| !there(added));
         let gain = wrong.map(|added| added.gain).fold(0.0, f64::max);
         chance.alarms +=
@@ -341,7 +351,8 @@ mod tests {
 
     #[test]
     fn the_p_value_counts_the_records_themselves() {
-        let chance = BootstrapResult { alarms: 2, gains: [vec![0.0; 17], vec![0.3, 0.5]].concat() };
+        let gains = [vec![0.0; 17], vec![0.3, 0.5]].concat();
+        let chance = BootstrapResult { alarms: 2, gains, unsearched: 0 };
         assert!((chance.probability(0.6) - 0.05).abs() < 1e-12);
         assert!((chance.probability(0.4) - 0.1).abs() < 1e-12);
         assert_eq!(chance.as_much(0.3), 2);

@@ -1,6 +1,7 @@
 //! Fits of the whole model: as declared, and again after an effect was added.
 
 use nalgebra::DMatrix;
+use rayon::prelude::*;
 
 use super::candidates::Candidate;
 use super::fit::{Dataset, Fitted};
@@ -50,7 +51,7 @@ fn estimable(dataset: &Dataset<'_>, fitted: &Fitted) -> Vec<FreeParameter> {
 pub fn fit_base(fit: &Dataset<'_>) -> Option<Fitted> {
     let model = fit.model;
     let smoothing = model.base.iter().position(|parameter| parameter.name == SMOOTHING);
-    let starts = SMOOTHING_STARTS.iter().filter_map(|speed| {
+    let starts = SMOOTHING_STARTS.par_iter().filter_map(|speed| {
         let mut start = model.start();
         if let Some(index) = smoothing {
             start.base[index] = *speed;
@@ -59,7 +60,8 @@ pub fn fit_base(fit: &Dataset<'_>) -> Option<Fitted> {
         let parameters = estimable(fit, &fitted);
         fit.fit(&fitted.setting, &parameters, 3)
     });
-    let best = starts.min_by(|a, b| a.objective.total_cmp(&b.objective))?;
+    let starts: Vec<Fitted> = starts.collect();
+    let best = starts.into_iter().min_by(|a, b| a.objective.total_cmp(&b.objective))?;
     // A smaller residual reveals more parameters.
     fit.fit(&best.setting, &estimable(fit, &best), 6)
 }
@@ -77,6 +79,9 @@ pub fn refit(
     let mut now =
         fit.fit(&winner.fitted.setting, &parameters, 6).unwrap_or_else(|| winner.fitted.clone());
     for pass in 0..REFITS {
+        if fit.deadline.has_passed() {
+            break;
+        }
         if above_floor(model, &select.records, &now.setting)
             .is_some_and(|above| above.well_at_floor())
         {
@@ -102,8 +107,10 @@ pub fn refit(
                 fit.leading(&others, &parameters, 1).into_iter().map(|begun| begun.setting),
             );
         }
-        let again = starts.iter().map(|start| fit.fit(start, &parameters, 4));
-        let Some(best) = again.flatten().min_by(|a, b| a.objective.total_cmp(&b.objective)) else {
+        let again = starts.par_iter().filter_map(|start| fit.fit(start, &parameters, 4));
+        let again: Vec<Fitted> = again.collect();
+        let Some(best) = again.into_iter().min_by(|a, b| a.objective.total_cmp(&b.objective))
+        else {
             break;
         };
         now = best;

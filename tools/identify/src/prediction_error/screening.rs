@@ -71,8 +71,11 @@ impl Projection {
     }
 
     /// Returns the weighted, projected change of the residual; `None` if the setting cannot be
-    /// simulated.
+    /// simulated, or after the deadline.
     fn change(&self, dataset: &Dataset<'_>, setting: &Setting) -> Option<DVector<f64>> {
+        if dataset.deadline.has_passed() {
+            return None;
+        }
         let change = Dataset::stack(&dataset.residuals(setting)?, &self.weights) - &self.here;
         Some(&change - &self.basis * (self.basis.transpose() * &change))
     }

@@ -20,6 +20,7 @@ use super::transmission_model::TransmissionModel;
 use super::validation::{
     LEAST_FIRST, LEAST_GAIN, Validation, above_floor, at_floor, is_bistable, validate,
 };
+use crate::deadline::Deadline;
 use crate::equation_error::block_roles::Role;
 
 /// Gain over an added effect from which another candidate replaces it.
@@ -53,6 +54,17 @@ pub struct SelectionStep {
     pub fitted: Fitted,
 }
 
+/// The part of a search that a deadline left unfinished.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Unfinished {
+    /// Not every candidate was tried beside the effects added.
+    Candidates,
+    /// The effects added were not compared with every alternative, and no further one was tried.
+    Comparison,
+    /// Not every nonparametric function was tried.
+    Functions,
+}
+
 /// Result of the stepwise selection.
 #[derive(Clone, Debug, Default)]
 pub struct SearchResult {
@@ -73,6 +85,11 @@ pub struct SearchResult {
     pub localisation: Option<Localisation>,
     /// Whether the error stays so far above the noise floor that no listed effect is adequate.
     pub inadequate: bool,
+    /// What a deadline left unfinished.
+    pub unfinished: Option<Unfinished>,
+    /// Whether an effect may be missing that the unfinished search did not reach: no effect was
+    /// added, and the error is above the noise floor or that is not known.
+    pub undecided: bool,
 }
 
 impl SearchResult {
@@ -135,8 +152,9 @@ impl SearchResult {
     }
 
     /// Reassesses adequacy and nonparametric functions after an effect was withdrawn.
-    pub fn reassess(&mut self, model: &TransmissionModel) {
-        let (fit, select) = (Dataset::of(model, Role::Fit), Dataset::of(model, Role::Select));
+    pub fn reassess(&mut self, model: &TransmissionModel, deadline: &Deadline) {
+        let [fit, select] =
+            [Role::Fit, Role::Select].map(|role| Dataset::of(model, role).until(deadline));
         let above = above_floor(model, &select.records, &self.last().setting);
         if above.is_none_or(|above| above.at_floor()) {
             return;
@@ -147,6 +165,15 @@ impl SearchResult {
         if self.inadequate {
             self.give_up_all();
         }
+        self.conclude_early(deadline, Unfinished::Functions, false);
+    }
+
+    /// Notes what a deadline left unfinished, if it did; only the first is noted.
+    fn conclude_early(&mut self, deadline: &Deadline, what: Unfinished, at_floor: bool) {
+        if deadline.left_work_out() {
+            self.unfinished.get_or_insert(what);
+            self.undecided = self.steps.is_empty() && !self.inadequate && !at_floor;
+        }
     }
 
     fn give_up_all(&mut self) {
@@ -154,18 +181,19 @@ impl SearchResult {
     }
 }
 
-/// Runs the whole selection. Recovered signs of a rectified torque are stored in the records.
-/// `None` if not even the declared model can be simulated along the records.
-pub fn search(model: &mut TransmissionModel) -> Option<SearchResult> {
+/// Runs the whole selection, or as much of it as the deadline permits: effects of rounds that were
+/// finished stay. Recovered signs of a rectified torque are stored in the records. `None` if not
+/// even the declared model can be simulated along the records.
+pub fn search(model: &mut TransmissionModel, deadline: &Deadline) -> Option<SearchResult> {
     let hands = rectified_records(model);
     if !hands.is_empty() {
-        let idle = Dataset::of(model, Role::Fit).without(&hands);
+        let idle = Dataset::of(model, Role::Fit).without(&hands).until(deadline);
         if !idle.records.is_empty() {
             let base = fit_base(&idle)?;
             restore_signs(model, hands, &base.setting)?;
         }
     }
-    let mut search = Search::begin(model)?;
+    let mut search = Search::begin(model, deadline)?;
     // If a later model diverges, the result so far stands.
     while search.found.steps.len() < MOST_EFFECTS
         && search.found.rounds.len() < MOST_ROUNDS
@@ -194,8 +222,9 @@ struct Search<'a> {
 }
 
 impl<'a> Search<'a> {
-    fn begin(model: &'a TransmissionModel) -> Option<Self> {
-        let [fit, select] = [Role::Fit, Role::Select].map(|role| Dataset::of(model, role));
+    fn begin(model: &'a TransmissionModel, deadline: &'a Deadline) -> Option<Self> {
+        let [fit, select] =
+            [Role::Fit, Role::Select].map(|role| Dataset::of(model, role).until(deadline));
         let base = fit_base(&fit)?;
         let now = base.clone();
         let found = SearchResult { base, ..SearchResult::default() };
@@ -208,9 +237,13 @@ impl Search<'_> {
         (&self.fit, &self.select)
     }
 
-    /// Adds the best candidate that passes and refits; returns whether there was one.
+    /// Adds the best candidate that passes and refits; returns whether there was one. No candidate
+    /// passes in a round that the deadline cut short: better ones may not have been tried.
     fn add(&mut self) -> bool {
         let (fit, select, now) = (&self.fit, &self.select, &self.now);
+        if fit.deadline.has_passed() {
+            return false;
+        }
         let Some(before) = select.residuals(&now.setting) else { return false };
         let listed: Vec<Candidate> = candidates(&record_features(fit, now))
             .into_iter()
@@ -234,6 +267,10 @@ impl Search<'_> {
             if let Some(step) = tried.iter_mut().find(|tried| tried.candidate == at) {
                 step.validation.accepted = false;
             }
+        }
+        if fit.deadline.left_work_out() {
+            tried.iter_mut().for_each(|tried| tried.validation.accepted = false);
+            self.found.unfinished = Some(Unfinished::Candidates);
         }
         self.found.rounds.push(tried.iter().map(|tried| tried.validation.clone()).collect());
         let Some(winner) = winner(&tried) else { return false };
@@ -389,8 +426,17 @@ impl Search<'_> {
         if let Some(step) = self.found.steps.last_mut() {
             step.fitted = self.now.clone();
         }
+        let deadline = self.fit.deadline;
         let above = above_floor(self.fit.model, &self.select.records, &self.now.setting);
         let at_floor = above.is_some_and(|above| above.at_floor());
+        if deadline.left_work_out() {
+            let what = match self.found.steps.is_empty() {
+                true => Unfinished::Candidates,
+                false => Unfinished::Comparison,
+            };
+            self.found.conclude_early(deadline, what, at_floor);
+            return self.found;
+        }
         let mut inadequate = above.is_some_and(|above| above.inadequate());
         let declared = &self.found.base;
         // Inadequate effects would distort a function beside them.
@@ -423,6 +469,7 @@ impl Search<'_> {
         if inadequate {
             self.found.give_up_all();
         }
+        self.found.conclude_early(deadline, Unfinished::Functions, at_floor);
         self.found
     }
 }

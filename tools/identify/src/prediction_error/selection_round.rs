@@ -9,7 +9,7 @@ use super::fit::{Dataset, Fitted};
 use super::free_parameter::{AT_BOUND, FreeParameter, Scaling};
 use super::localisation::localise;
 use super::screening::{Projection, ScoredCandidate};
-use super::transmission_model::{Residual, Setting, TransmissionModel};
+use super::transmission_model::{PlacedEffect, Residual, Setting, TransmissionModel};
 use super::validation::{LEAST_FIRST, Validation, at_floor, validate_beside};
 
 /// Gains within this share of the best count as equal: the fewest parameters win.
@@ -62,21 +62,19 @@ pub struct SelectionRound<'a> {
 }
 
 impl SelectionRound<'_> {
-    /// Returns all candidates that were fitted, best first.
+    /// Returns all candidates that were fitted, best first; after the deadline nothing more is
+    /// fitted, and the round is incomplete.
     pub fn run(&self) -> Vec<FittedCandidate> {
         let projection = Projection::new(self.fit, self.now);
         let scored = projection.rank(self.fit, self.now, self.candidates);
         let mut tried: Vec<FittedCandidate> = scored
-            .iter()
+            .par_iter()
             .take(REFITTED)
             .filter_map(|scored| self.quick(scored, &projection))
             .collect();
         // The best by fit and by validation continue.
         let mut chosen = foremost(&tried);
-        for index in &chosen {
-            let start = tried[*index].fitted.setting.clone();
-            self.improve(&mut tried, *index, &start, 1);
-        }
+        self.improve(&mut tried, &chosen, 1);
         let nearest = tried.iter().min_by(|a, b| a.fitted.objective.total_cmp(&b.fitted.objective));
         let Some(nearest) = nearest else { return tried };
         if !at_floor(self.fit.model, &self.select.records, &nearest.fitted.setting) {
@@ -90,10 +88,7 @@ impl SelectionRound<'_> {
             .map(|index| tried[*index].validation.gain)
             .fold(LEAST_PROMISING_GAIN, f64::max);
         chosen.retain(|index| tried[*index].validation.gain >= WITHIN_REACH * most);
-        for index in chosen {
-            let start = tried[index].fitted.setting.clone();
-            self.improve(&mut tried, index, &start, CONVERGENCE_ROUNDS);
-        }
+        self.improve(&mut tried, &chosen, CONVERGENCE_ROUNDS);
         self.elsewhere(&mut tried);
         tried.sort_by(|a, b| b.validation.gain.total_cmp(&a.validation.gain));
         tried
@@ -126,12 +121,18 @@ impl SelectionRound<'_> {
     }
 
     fn fitted(&self, candidate: usize, start: &Setting, rounds: usize) -> Option<FittedCandidate> {
+        if self.fit.deadline.has_passed() {
+            return None;
+        }
         let fitted = self.fit.fit(start, &self.free(candidate, start), rounds)?;
         self.validation(candidate, fitted)
     }
 
     /// Takes a step or two with the Jacobian of the current model.
     fn quick(&self, scored: &ScoredCandidate, projection: &Projection) -> Option<FittedCandidate> {
+        if self.fit.deadline.has_passed() {
+            return None;
+        }
         let start = self.now.setting.with(&scored.placed);
         let free = self.free(scored.candidate, &start);
         let known = self.now.parameters.len();
@@ -149,15 +150,25 @@ impl SelectionRound<'_> {
         self.validation(scored.candidate, Fitted { parameters: free, ..fitted })
     }
 
-    fn improve(
+    /// Fits some of the candidates further.
+    fn improve(&self, tried: &mut Vec<FittedCandidate>, chosen: &[usize], rounds: usize) {
+        let start = |index: &usize| (tried[*index].candidate, tried[*index].fitted.setting.clone());
+        let starts: Vec<(usize, Setting)> = chosen.iter().map(start).collect();
+        self.fit_from(tried, &starts, rounds);
+    }
+
+    /// Fits candidates from starting points, in parallel.
+    fn fit_from(
         &self,
         tried: &mut Vec<FittedCandidate>,
-        index: usize,
-        start: &Setting,
+        starts: &[(usize, Setting)],
         rounds: usize,
     ) {
-        let found = self.fitted(tried[index].candidate, start, rounds);
-        better_of(tried, found);
+        let found: Vec<FittedCandidate> = starts
+            .par_iter()
+            .filter_map(|(candidate, start)| self.fitted(*candidate, start, rounds))
+            .collect();
+        found.into_iter().for_each(|found| better_of(tried, found));
     }
 
     /// Without the effect, declared parameters may have been biased until little of it shows;
@@ -165,11 +176,16 @@ impl SelectionRound<'_> {
     fn refit_from_declared(&self, tried: &mut Vec<FittedCandidate>, chosen: &[usize]) {
         let model = self.fit.model;
         if self.now.setting.placed.is_empty() {
-            for index in chosen.iter().take(REFITTED_FROM_DECLARED) {
-                let fresh =
-                    Setting { base: model.start().base, ..tried[*index].fitted.setting.clone() };
-                self.improve(tried, *index, &fresh, CONVERGENCE_ROUNDS);
-            }
+            let fresh = |index: &usize| {
+                let FittedCandidate { candidate, fitted, .. } = &tried[*index];
+                (*candidate, Setting { base: model.start().base, ..fitted.setting.clone() })
+            };
+            let starts: Vec<(usize, Setting)> =
+                chosen.iter().take(REFITTED_FROM_DECLARED).map(fresh).collect();
+            self.fit_from(tried, &starts, CONVERGENCE_ROUNDS);
+        }
+        if self.fit.deadline.has_passed() {
+            return;
         }
         // Beside an effect the declared values may diverge.
         let parameters = self.now.parameters.clone();
@@ -177,10 +193,10 @@ impl SelectionRound<'_> {
         let Some(start) = self.fit.evaluate(declared) else { return };
         let start = Fitted { parameters, ..start };
         let ranked = Projection::new(self.fit, &start).rank(self.fit, &start, self.candidates);
-        for scored in ranked.iter().take(FROM_DECLARED) {
-            let with = start.setting.with(&scored.placed);
-            better_of(tried, self.fitted(scored.candidate, &with, QUICK_STEPS));
-        }
+        let with =
+            |scored: &ScoredCandidate| (scored.candidate, start.setting.with(&scored.placed));
+        let starts: Vec<(usize, Setting)> = ranked.iter().take(FROM_DECLARED).map(with).collect();
+        self.fit_from(tried, &starts, QUICK_STEPS);
     }
 
     /// Fits multi-start candidates from all their starting points, at the current parameters; where
@@ -201,6 +217,9 @@ impl SelectionRound<'_> {
             if !looked {
                 continue;
             }
+            if self.fit.deadline.has_passed() {
+                return;
+            }
             let begun = |from: &Setting, rounds: usize| match started(from, of) {
                 starts if starts.is_empty() => Vec::new(),
                 starts => self.fit.leading(&starts, &self.free(candidate, &starts[0]), rounds),
@@ -213,13 +232,9 @@ impl SelectionRound<'_> {
                 tried.iter().map(|tried| tried.fitted.objective).fold(f64::INFINITY, f64::min);
             let reach = nearest + OUT_OF_REACH * self.now.rows() as f64;
             leading.retain(|begun| begun.objective <= reach);
-            let found: Vec<FittedCandidate> = leading
-                .par_iter()
-                .filter_map(|begun| self.fitted(candidate, &begun.setting, MULTI_START_ROUNDS))
-                .collect();
-            for found in found {
-                better_of(tried, Some(found));
-            }
+            let starts: Vec<(usize, Setting)> =
+                leading.into_iter().map(|begun| (candidate, begun.setting)).collect();
+            self.fit_from(tried, &starts, MULTI_START_ROUNDS);
         }
     }
 
@@ -229,13 +244,16 @@ impl SelectionRound<'_> {
         else {
             return;
         };
-        for start in &self.candidates[candidate].starts {
+        let with = |start: &PlacedEffect| {
             let mut with = setting.clone();
             if let Some(placed) = with.placed.last_mut() {
                 *placed = start.clone();
             }
-            better_of(tried, self.fitted(candidate, &with, MULTI_START_ROUNDS));
-        }
+            (candidate, with)
+        };
+        let starts: Vec<(usize, Setting)> =
+            self.candidates[candidate].starts.iter().map(with).collect();
+        self.fit_from(tried, &starts, MULTI_START_ROUNDS);
     }
 
     /// Fits the best effect at its other sites, and the simpler effect that it degenerates into at
@@ -254,16 +272,17 @@ impl SelectionRound<'_> {
         if id == "thermal_drift" && own.iter().any(for_ever) {
             self.instead(tried, &setting, ("coulomb_friction", self.candidates[from].site));
         }
-        for (candidate, of) in self.candidates.iter().enumerate() {
-            if of.id != id || candidate == from {
-                continue;
-            }
+        let moved = |(candidate, of): (usize, &Candidate)| {
             let mut moved = setting.clone();
             if let Some(placed) = moved.placed.last_mut() {
                 placed.site = of.site;
             }
-            better_of(tried, self.fitted(candidate, &moved, CONVERGENCE_ROUNDS));
-        }
+            (candidate, moved)
+        };
+        let others = self.candidates.iter().enumerate();
+        let others = others.filter(|(candidate, of)| of.id == id && *candidate != from);
+        let starts: Vec<(usize, Setting)> = others.map(moved).collect();
+        self.fit_from(tried, &starts, CONVERGENCE_ROUNDS);
     }
 }
 
@@ -280,8 +299,7 @@ fn foremost(tried: &[FittedCandidate]) -> Vec<usize> {
 }
 
 /// Inserts a candidate, or keeps the better fit if it is present already.
-fn better_of(tried: &mut Vec<FittedCandidate>, found: Option<FittedCandidate>) {
-    let Some(found) = found else { return };
+fn better_of(tried: &mut Vec<FittedCandidate>, found: FittedCandidate) {
     match tried.iter_mut().find(|known| known.candidate == found.candidate) {
         Some(known) if known.fitted.objective <= found.fitted.objective => {}
         Some(known) => *known = found,

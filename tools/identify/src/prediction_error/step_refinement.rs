@@ -31,12 +31,11 @@ pub fn holds_with_finer_steps(
     added: &FittedCandidate,
 ) -> bool {
     let model = TransmissionModel { steps: FINER * fit.model.steps, ..fit.model.clone() };
-    let [fit, select] =
-        [fit, select].map(|dataset| Dataset { model: &model, records: dataset.records.clone() });
+    let [fit, select] = [fit, select].map(|dataset| Dataset { model: &model, ..dataset.clone() });
     let left = |fitted: &Fitted, rounds| {
         select.residuals(&fit.fit(&fitted.setting, &fitted.parameters, rounds)?.setting)
     };
-    let (with, without) = (left(&added.fitted, WITH), left(now, WITHOUT));
+    let (with, without) = rayon::join(|| left(&added.fitted, WITH), || left(now, WITHOUT));
     let Some((with, without)) = with.zip(without) else { return true };
     let beside = now.setting.placed.len();
     let gain = validate_beside(beside, added.validation.effect(), &without, &with).gain;

@@ -13,6 +13,7 @@ use super::candidates::{
 use super::predictor::Predictor;
 use super::tones::is_tone_of_motion;
 use super::validation::{LEAST_T, Validation, validate};
+use crate::deadline::Deadline;
 use crate::effects::{Axis, Effect};
 use crate::equation_error::block_roles::Block;
 use crate::equation_error::fit::ShapeSearch;
@@ -48,6 +49,8 @@ pub struct SelectionStep<'f> {
 /// A model with the rows on which candidates are fitted, and those on which they are validated.
 pub struct Search<'a> {
     pub(super) predictor: &'a Predictor<'a>,
+    /// When nothing more is tried.
+    pub(super) deadline: &'a Deadline,
     pub(super) fit: Vec<Block>,
     pub(super) select: Vec<Block>,
 }
@@ -123,7 +126,10 @@ impl Search<'_> {
         let (regression, fitted) = (self.predictor.regression(), current.equation_error_fit());
         let before = self.screening().mean_squares(fitted, &self.select);
         let model = Arc::new(regression.force(&current.structure, fitted));
-        let screen = |sited: &SitedEffect| self.screen_one(current, *sited, &before, &model);
+        let screen = |sited: &SitedEffect| match self.deadline.has_passed() {
+            true => None,
+            false => self.screen_one(current, *sited, &before, &model),
+        };
         let mut screened: Vec<FittedCandidate<'f>> =
             candidates.par_iter().filter_map(screen).collect();
         best_first(&mut screened);
@@ -147,6 +153,9 @@ impl Search<'_> {
             .take(REFINED)
             .collect();
         let simulate = |candidate: &FittedCandidate<'f>| {
+            if self.deadline.has_passed() {
+                return None;
+            }
             let FittedModel { structure, fitted: equation_error_fit, .. } = candidate.model.clone();
             let start = starting_point(&equation_error_fit, &current.fitted);
             let fitted = simulation.fit(&structure, &self.fit, &start, &[])?;
@@ -220,6 +229,11 @@ impl Search<'_> {
                     candidate.validation.gain_percent >= choice.least_percent;
                 candidate.validation.exclude_if(tone);
             }
+            if self.deadline.left_work_out() {
+                // Better candidates may not have been tried.
+                tried.iter_mut().for_each(|candidate| candidate.validation.accepted = false);
+                break tried;
+            }
             let mut different: Vec<&str> = added.iter().map(|sited| sited.effect.id).collect();
             different.sort_unstable();
             different.dedup();
@@ -258,6 +272,7 @@ mod tests {
     use nalgebra::DVector;
 
     use super::*;
+    use crate::deadline::NEVER;
     use crate::effects::Units;
     use crate::equation_error::model::{RegressionModel, Structure};
     use crate::regression::Fit;
@@ -300,7 +315,8 @@ mod tests {
         let current =
             FittedModel { structure: Structure::default(), fitted, equation_error_fit: None };
         let predictor = Predictor::EquationError(&regression);
-        let search = Search { predictor: &predictor, fit: Vec::new(), select: Vec::new() };
+        let search =
+            Search { predictor: &predictor, deadline: &NEVER, fit: Vec::new(), select: Vec::new() };
         search.try_all(&current, &[SitedEffect { effect: &PANICKING, site: "master" }]);
     }
 }

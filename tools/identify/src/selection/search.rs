@@ -6,6 +6,7 @@ use super::forward_selection::{Choice, Search, Selection, SelectionStep};
 use super::nonparametric::{NonparametricFit, Unlisted};
 use super::predictor::Predictor;
 use super::validation::{Validation, validate};
+use crate::deadline::{Deadline, NEVER};
 use crate::effects::Regressor;
 use crate::equation_error::block_roles::{Block, Role, blocks_of_role};
 use crate::equation_error::fit::ShapeSearch;
@@ -94,12 +95,13 @@ impl<'f> SearchResult<'f> {
 /// Nonparametric functions, with knots over the fitting rows, that may take the place of listed
 /// effects.
 pub fn functions(predictor: &Predictor<'_>, blocks: &[Block]) -> Vec<Spline> {
-    let search = Search::new(predictor, blocks);
+    let search = Search::new(predictor, blocks, &NEVER);
     let variables = Variable::ALL.into_iter().filter(|variable| *variable != Variable::Time);
     variables.filter_map(|variable| search.function_of(variable)).collect()
 }
 
-/// Searches the effects that the declared model lacks. `None` where not even the declared model can
+/// Searches the effects that the declared model lacks; after the deadline no further ones. `None`
+/// where not even the declared model can
 /// be fitted.
 ///
 /// Where the error is that of a force, two further models compete with the result of the forward
@@ -109,8 +111,9 @@ pub fn search<'f>(
     predictor: &Predictor<'_>,
     blocks: &[Block],
     functions: &'f [Spline],
+    deadline: &Deadline,
 ) -> Option<SearchResult<'f>> {
-    let search = Search::new(predictor, blocks);
+    let search = Search::new(predictor, blocks, deadline);
     let (regression, structure) = (predictor.regression(), Structure::default());
     let fitted = regression.fit(&structure, &search.fit, &[], ShapeSearch::Refine)?;
     let base = match predictor {
@@ -154,9 +157,9 @@ pub fn search<'f>(
 }
 
 impl<'a> Search<'a> {
-    fn new(predictor: &'a Predictor<'a>, blocks: &[Block]) -> Self {
+    fn new(predictor: &'a Predictor<'a>, blocks: &[Block], deadline: &'a Deadline) -> Self {
         let [fit, select] = [Role::Fit, Role::Select].map(|role| blocks_of_role(blocks, role));
-        Self { predictor, fit, select }
+        Self { predictor, deadline, fit, select }
     }
 
     /// Keeps an effect that takes a part of the measured force away only if the selection without
@@ -174,7 +177,8 @@ impl<'a> Search<'a> {
         let without = self.forward(base, allowed);
         let [after, before] =
             [&with, &without].map(|selection| self.relative_errors(selection.last(base)));
-        if validate("", &before, &after).accepted { with } else { without }
+        let stays = validate("", &before, &after).accepted && !self.deadline.left_work_out();
+        if stays { with } else { without }
     }
 
     /// The declared model with the nonparametric function that takes the place of listed effects,
@@ -189,6 +193,9 @@ impl<'a> Search<'a> {
     ) -> Option<Competitor<'f>> {
         let competitors: Vec<Competitor<'f>> =
             functions.iter().filter_map(|function| self.competitor(base, function)).collect();
+        if self.deadline.left_work_out() {
+            return None;
+        }
         let before = self.relative_errors(listed.last(base));
         let sum = |errors: &[f64]| errors.iter().sum::<f64>();
         let best = competitors.iter().min_by(|a, b| sum(&a.errors).total_cmp(&sum(&b.errors)))?;
@@ -213,6 +220,9 @@ impl<'a> Search<'a> {
         base: &FittedModel<'f>,
         function: &'f Spline,
     ) -> Option<Competitor<'f>> {
+        if self.deadline.has_passed() {
+            return None;
+        }
         let effects = vec![function as &dyn Regressor];
         let structure = Structure { effects, ..Structure::default() };
         let regression = self.predictor.regression();

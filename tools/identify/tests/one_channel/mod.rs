@@ -1,6 +1,7 @@
 //! What the tests of models of one channel share.
 #![allow(dead_code, reason = "each test file uses its part")]
 
+use identify::deadline::NEVER;
 use identify::error::IdentifyError;
 use identify::input::Series;
 use identify::models::{Options, of_kind};
@@ -53,6 +54,7 @@ pub(crate) fn run(model: &rig::Model, records: &[Series]) -> Result<Outcome, Ide
             capability: None,
             propose: false,
             calibrate: 0,
+            deadline: &NEVER,
         },
     )?;
     // Every outcome must make a page.

@@ -96,6 +96,7 @@ fn outcome(
 ) -> Outcome {
     Outcome {
         verdict,
+        early: false,
         effects,
         ambiguous_with: Vec::new(),
         remains: false,

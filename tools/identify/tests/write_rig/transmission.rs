@@ -160,6 +160,12 @@ fn unknown_values_are_not_written_with_a_message() {
 }
 
 #[test]
+fn nothing_is_written_of_an_early_answer() {
+    let written = write(RIG, &Outcome { early: true, ..found(Vec::new()) }).unwrap();
+    assert!(written.text.is_none() && written.left_out[0].contains("--limit-s"), "{written:?}");
+}
+
+#[test]
 fn an_axis_that_has_a_parameter_of_its_own_keeps_it() {
     let own = RIG.replacen(
         "[axes.limits]",
