@@ -325,7 +325,54 @@ fn a_record_too_short_to_select_on_is_refused() {
     assert!(
         error.contains("select.csv")
             && error.contains("0.60 s to select on")
-            && error.contains("3 stretches"),
+            && error.contains("3 stretches")
+            && error.contains("a record of 1.4 s"),
         "{error}"
     );
+}
+
+/// The first so many seconds of a record with Coulomb friction, at 500 Hz divided by `every`.
+fn short(seed: u64, seconds: f64, every: usize) -> Series {
+    let mut series = record(Truth { coulomb: 20.0, ..Truth::default() }, seed);
+    for (_, values) in &mut series.columns {
+        values.truncate((seconds * 500.0) as usize + 1);
+        *values = values.iter().copied().step_by(every).collect();
+    }
+    series
+}
+
+#[test]
+fn a_record_of_five_seconds_fits_selects_and_reports() {
+    let mut named = 0;
+    for seed in 1..=8 {
+        let outcome = identify(&[short(seed, 4.7, 1)], &rig(0.25)).unwrap();
+        // Three blocks prove less than ten: nothing may be named, but nothing wrong, and what is
+        // missing is not denied.
+        if outcome.verdict == Verdict::Inadequate {
+            continue;
+        }
+        assert_eq!(ids(&outcome), ["coulomb_friction"], "seed {seed}: {:?}", outcome.candidates);
+        let (coulomb, _) = effect(&outcome, "coulomb");
+        assert!((coulomb - 20.0).abs() < 2.0, "seed {seed}: {coulomb}");
+        named += 1;
+    }
+    assert!(named >= 4, "{named} of 8");
+    let error = identify(&[short(1, 4.0, 1)], &rig(0.25)).unwrap_err().to_string();
+    for part in ["4.00 s (2001 rows)", "expected 4.6 s for 9 stretches", "three records of 1.4 s"] {
+        assert!(error.contains(part), "{part}: {error}");
+    }
+}
+
+#[test]
+fn records_of_two_seconds_are_enough_where_there_are_several() {
+    // Below the cut-off's highest value blocks are longer, and one record has two of them.
+    for (count, every) in [(3, 1), (6, 2)] {
+        let records: Vec<Series> = (1..=count).map(|seed| short(seed, 2.0, every)).collect();
+        let outcome = identify(&records, &rig(0.25)).unwrap();
+        assert_eq!(ids(&outcome), ["coulomb_friction"], "{count}: {:?}", outcome.candidates);
+        let (coulomb, _) = effect(&outcome, "coulomb");
+        assert!((coulomb - 20.0).abs() < 3.0, "{count}: {coulomb}");
+    }
+    let two: Vec<Series> = [short(1, 3.4, 1), short(2, 2.0, 1)].into();
+    assert_eq!(ids(&identify(&two, &rig(0.25)).unwrap()), ["coulomb_friction"]);
 }

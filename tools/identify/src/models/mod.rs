@@ -12,6 +12,7 @@ mod oscillator;
 mod page;
 mod residual_plots;
 mod rival_model;
+mod role_assignment;
 mod segmentation;
 mod sentences;
 mod simulated_experiment;
