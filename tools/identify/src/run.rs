@@ -237,6 +237,7 @@ fn records(args: &Args, rig: &RigFile) -> Result<Vec<Series>> {
     let options = recording::record::Options {
         mapping: args.map.clone(),
         resample_hz: args.resample,
+        even_out: true,
         ..Default::default()
     };
     asked
