@@ -118,7 +118,7 @@ fn refuse(args: &Args, kind: RefusalKind, message: String) -> i32 {
 }
 
 fn whole(args: &Args) -> anyhow::Result<(RigFile, Identification)> {
-    let rig = rig::load_rig(&args.rig)?;
+    let rig = rig::load_declaration(&args.rig)?;
     let records = records(args, &rig)?;
     // A spinner shows progress; nothing is drawn in a pipe.
     let bar = ProgressBar::new_spinner()

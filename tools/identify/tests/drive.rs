@@ -92,6 +92,7 @@ fn rig(mass_tolerance: f64) -> rig::Model {
     };
     rig::Model {
         kind: rig::ModelKind::Drive,
+        force: None,
         parameters: vec![
             parameter("mass_kg", 95.0, mass_tolerance, None),
             parameter("viscous_friction_n_s_per_m", 200.0, 1.0, None),
@@ -329,6 +330,50 @@ fn a_record_too_short_to_select_on_is_refused() {
             && error.contains("a record of 1.4 s"),
         "{error}"
     );
+}
+
+#[test]
+fn effects_of_an_amplifier_are_no_candidates_where_the_force_is_measured() {
+    let amplifier = |force| {
+        let model = rig::Model { force, ..rig(0.25) };
+        let series = record(Truth { coulomb: 20.0, ..Truth::default() }, 9);
+        let outcome = identify(&[series], &model).unwrap();
+        assert_eq!(ids(&outcome), ["coulomb_friction"], "{force:?}");
+        outcome.candidates.iter().any(|candidate| candidate.id.starts_with("amplifier_"))
+    };
+    assert!(amplifier(None) && amplifier(Some(rig::ForceSource::Commanded)));
+    assert!(!amplifier(Some(rig::ForceSource::Measured)));
+}
+
+#[test]
+fn a_rotary_drive_is_declared_in_its_units_or_in_those_of_a_linear_one() {
+    let mut series = record(Truth { coulomb: 20.0, ..Truth::default() }, 9);
+    series.columns[1].0 = "position_rad".into();
+    series.columns[2].0 = "torque_nm".into();
+    let linear = identify(std::slice::from_ref(&series), &rig(0.25)).unwrap();
+    let note = "declared for a linear axis, taken in the units of torque_nm: mass_kg (kg·m²)";
+    assert!(linear.notes.iter().any(|own| own.starts_with(note)), "{:?}", linear.notes);
+    let mut declared = rig(0.25);
+    let names = ["inertia_kg_m2", "viscous_friction_nm_s_per_rad", "torque_offset_nm"];
+    for (parameter, name) in declared.parameters.iter_mut().zip(names) {
+        parameter.name = name.into();
+    }
+    let rotary = identify(std::slice::from_ref(&series), &declared).unwrap();
+    assert!(rotary.notes.iter().all(|note| !note.starts_with("declared for")));
+    assert_eq!(ids(&rotary), ids(&linear));
+    assert_eq!(rotary.error["torque_nm"].after, linear.error["torque_nm"].after);
+    // Of both names that of the record's unit counts.
+    declared.parameters.splice(0..0, rig(0.25).parameters);
+    let both = identify(&[series], &declared).unwrap();
+    assert_eq!(both.parameters[0].name, "inertia_kg_m2");
+}
+
+#[test]
+fn a_tolerance_above_the_value_leaves_a_mass_positive() {
+    let outcome = identify(&[record(Truth::default(), 2)], &rig(3.0)).unwrap();
+    assert_eq!(outcome.verdict, Verdict::None, "{:?}", ids(&outcome));
+    let (mass, std) = declared(&outcome, "mass_kg");
+    assert!(within(mass, std, MASS, 4.5), "{mass} ± {std}");
 }
 
 /// The first so many seconds of a record with Coulomb friction, at 500 Hz divided by `every`.

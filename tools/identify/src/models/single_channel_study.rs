@@ -64,8 +64,8 @@ pub(super) enum Need {
 /// declared.
 pub(super) type DeclaredTerm = (Column, &'static [&'static str], Need);
 
-/// Reads the declared terms of a model of `file` (its name, for messages); the first name that is
-/// declared counts.
+/// Reads the declared terms of a model of `file` (its name, for messages); the name in the record's
+/// unit counts, else the first that is declared.
 pub(super) fn declared_parameters(
     file: &str,
     model: &Declared,
@@ -74,7 +74,9 @@ pub(super) fn declared_parameters(
 ) -> Result<Vec<Parameter>> {
     let mut parameters = Vec::new();
     for (column, names, need) in terms {
-        let Some(declared) = names.iter().find_map(|name| model.parameter(name)) else {
+        let of_unit = model.parameter(name_in(names, units));
+        let declared = of_unit.or_else(|| names.iter().find_map(|name| model.parameter(name)));
+        let Some(declared) = declared else {
             if *need == Need::Optional {
                 continue;
             }
@@ -82,7 +84,7 @@ pub(super) fn declared_parameters(
             return Err(IdentifyError::Unusable(format!(
                 "{file}: [model.parameters]: expected `{}` for a model of kind `{}`, found {}; add \
                  it with its value and tolerance",
-                names[0],
+                name_in(names, units),
                 model.kind.name(),
                 found.join(", ")
             )));
@@ -90,7 +92,7 @@ pub(super) fn declared_parameters(
         if *need == Need::Positive && declared.value <= 0.0 {
             return Err(IdentifyError::Unusable(format!(
                 "{file}: [model.parameters] {} = {}: expected more than 0",
-                names[0], declared.value
+                declared.name, declared.value
             )));
         }
         parameters.push(Parameter {
@@ -102,6 +104,12 @@ pub(super) fn declared_parameters(
         });
     }
     Ok(parameters)
+}
+
+/// The name of a parameter in these units, for messages.
+fn name_in<'n>(names: &[&'n str], units: &Units) -> &'n str {
+    let rotary = units.position == "rad";
+    names.iter().find(|name| rig::is_rotary(name) == rotary).unwrap_or(&names[0])
 }
 
 /// Checks that channels are finite and vary, and notes clipped ones.
