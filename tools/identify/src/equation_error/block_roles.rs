@@ -50,35 +50,12 @@ impl Cut {
         (self.rows + self.guard) / (self.length + self.guard)
     }
 
-    /// The blocks with roles in random order, spread over the record so that they cannot coincide
-    /// with a period of the motion: of every four successive blocks two fit, one selects and one
-    /// reports. With fewer than [`MANY`] blocks each third of the record has one block of each of
-    /// the roles `held_out`; the others fit.
+    /// The blocks with roles drawn by [`draw`].
     pub fn blocks(&self, held_out: &[Role], seed: u64) -> Vec<Block> {
-        let mut random = SplitMix64::seed_from_u64(seed);
-        let mut roles = Vec::new();
-        let count = self.count();
-        let mut turn = |mut turn: Vec<Role>| {
-            for i in (1..turn.len()).rev() {
-                turn.swap(i, (random.next_u64() % (i as u64 + 1)) as usize);
-            }
-            turn.reverse();
-            turn
-        };
-        if count < MANY {
-            for third in 0..FEW {
-                let blocks = (third + 1) * count / FEW - third * count / FEW;
-                let fits = blocks.saturating_sub(held_out.len());
-                let held_out = held_out.iter().copied();
-                roles.extend(turn(held_out.chain(vec![Role::Fit; fits]).collect()));
-            }
-        }
-        while roles.len() < count {
-            roles.extend(turn(vec![Role::Fit, Role::Fit, Role::Select, Role::Report]));
-        }
         let start = |block: usize| block * (self.length + self.guard);
-        (0..count)
-            .zip(roles)
+        draw(self.count(), held_out, seed)
+            .into_iter()
+            .enumerate()
             .map(|(block, role)| Block {
                 record: self.record,
                 rows: start(block)..start(block) + self.length,
@@ -86,6 +63,35 @@ impl Cut {
             })
             .collect()
     }
+}
+
+/// Roles of `count` successive blocks in random order, spread over the record so that they cannot
+/// coincide with a period of the motion: of every four successive blocks two fit, one selects and
+/// one reports. With fewer than [`MANY`] blocks each third of the record has one block of each of
+/// the roles `held_out`; the others fit.
+pub fn draw(count: usize, held_out: &[Role], seed: u64) -> Vec<Role> {
+    let mut random = SplitMix64::seed_from_u64(seed);
+    let mut roles = Vec::new();
+    let mut turn = |mut turn: Vec<Role>| {
+        for i in (1..turn.len()).rev() {
+            turn.swap(i, (random.next_u64() % (i as u64 + 1)) as usize);
+        }
+        turn.reverse();
+        turn
+    };
+    if count < MANY {
+        for third in 0..FEW {
+            let blocks = (third + 1) * count / FEW - third * count / FEW;
+            let fits = blocks.saturating_sub(held_out.len());
+            let held_out = held_out.iter().copied();
+            roles.extend(turn(held_out.chain(vec![Role::Fit; fits]).collect()));
+        }
+    }
+    while roles.len() < count {
+        roles.extend(turn(vec![Role::Fit, Role::Fit, Role::Select, Role::Report]));
+    }
+    roles.truncate(count);
+    roles
 }
 
 /// A whole record in one role, cut into blocks of about `length` rows (gains are validated block by

@@ -31,10 +31,10 @@ pub(super) fn study(
     predictor: Predictor<'_>,
     records: &[Series],
     options: Options,
-    (channel, notes): (&'static str, Vec<String>),
+    (channel, mut notes): (&'static str, Vec<String>),
 ) -> Result<(Outcome, Page)> {
     let regression = predictor.regression();
-    let blocks = assign_roles(regression, records, options.seed)?;
+    let blocks = assign_roles(regression, records, options.seed, &mut notes)?;
     let functions = functions(&predictor, &blocks);
     let found = search(&predictor, &blocks, &functions).ok_or_else(|| {
         let files: Vec<&str> = records.iter().map(|r| r.file.as_str()).collect();
