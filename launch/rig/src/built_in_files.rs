@@ -1,7 +1,9 @@
 //! Rig files and protocols that are compiled in, and loading by name or by path.
 
+use std::borrow::Cow;
 use std::path::Path;
 
+use crate::load::text_of;
 use crate::protocol::{Protocol, with_overrides};
 use crate::{FileError, RigFile};
 
@@ -60,9 +62,25 @@ fn find(
 /// # Errors
 /// [`FileError::NotShipped`], or every problem in the file.
 pub fn load_rig(asked: &Path) -> Result<RigFile, FileError> {
+    let (text, file_name) = rig_text(asked)?;
+    RigFile::parse(&text, &file_name)
+}
+
+/// As [`load_rig`], for a program that needs the declared model alone
+/// ([`RigFile::parse_declaration`]).
+///
+/// # Errors
+/// As [`load_rig`].
+pub fn load_declaration(asked: &Path) -> Result<RigFile, FileError> {
+    let (text, file_name) = rig_text(asked)?;
+    RigFile::parse_declaration(&text, &file_name)
+}
+
+/// Text and name of a rig file.
+fn rig_text(asked: &Path) -> Result<(Cow<'static, str>, String), FileError> {
     match find("rig", RIGS, asked)? {
-        Some(shipped) => RigFile::parse(shipped.text, &format!("{}.toml", shipped.name)),
-        None => RigFile::load(asked),
+        Some(shipped) => Ok((shipped.text.into(), format!("{}.toml", shipped.name))),
+        None => Ok((text_of(asked)?.into(), asked.display().to_string())),
     }
 }
 

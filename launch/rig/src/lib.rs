@@ -5,7 +5,8 @@
 //! movements. Both are read whole: every problem is reported at once, with file, line, key, what
 //! was expected, what was found and what to do. The result depends on the text alone; the only I/O
 //! is [`RigFile::load`] and [`protocol::Protocol::load`]. [`load_rig`] and [`load_protocol`] also
-//! accept the name of a file that comes with farreach.
+//! accept the name of a file that comes with farreach. [`load_declaration`] accepts a file that
+//! declares a model alone.
 //!
 //! ```text
 //! rig.toml:51: axes.0.limits.volts_max: expected a number from 0.1 to 10, found 24; …
@@ -45,7 +46,7 @@ mod torque_channel;
 pub use axis::Axis;
 pub use axis_control::{AxisControl, Feedforward};
 pub use axis_unit::AxisUnit;
-pub use built_in_files::{PROTOCOLS, RIGS, Shipped, load_protocol, load_rig};
+pub use built_in_files::{PROTOCOLS, RIGS, Shipped, load_declaration, load_protocol, load_rig};
 pub use channel::{Channel, ChannelKind};
 pub use compensation::{Compensation, CompensationKind, ControlOptions, Observer, SlaveLoop};
 pub use content_hash::identity;
@@ -54,11 +55,12 @@ pub use encoder::Encoder;
 pub use error::{FileError, Problem, ProtocolError, RigError};
 pub use force_control::{ACCELERATION_HZ, ForceControl};
 pub use limits::Limits;
-pub use model::{Model, ModelKind};
+pub use model::{ForceSource, Model, ModelKind};
 pub use parameter::{Parameter, ParameterSource};
 pub use rates::{Phases, Rates};
 pub use rig_file::{Replay, RigFile};
 pub use simulation::{Hand, HandKind, Simulation};
+pub use siso_parameters::is_rotary;
 pub use torque_channel::TorqueChannel;
 
 #[cfg(test)]

@@ -1,18 +1,22 @@
 //! The declared model: its kind, its parameters with tolerances, its effects.
 
-use plant::ParameterInfo;
 use plant::transmission_kinds::{Kind, Parameters};
 
+use crate::axis_unit::AxisUnit;
 use crate::checked_toml::{Keys, Section, bounds};
 use crate::effect::ModelEffect;
 use crate::error::RigError;
 use crate::parameter::Parameter;
+use crate::siso_parameters::{MOTOR_TURN, is_rotary};
 
 /// The model of the rig that the laboratory declares.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Model {
     /// Which equations.
     pub kind: ModelKind,
+    /// Where the force column of a model with one measured channel comes from; `None` where the
+    /// file does not say.
+    pub force: Option<ForceSource>,
     /// Declared parameters of every axis's transmission, in the order of the file.
     pub parameters: Vec<Parameter>,
     /// Effects that measured records showed beyond the model's equations, of every axis.
@@ -20,6 +24,15 @@ pub struct Model {
     /// Products of inertia of the handle that the axes share, one per pair of axes: first and
     /// second, first and third, second and third (kg·m²). Empty where the axes are uncoupled.
     pub handle_coupling: Vec<f64>,
+}
+
+/// Where the force column of a record comes from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ForceSource {
+    /// It is the command to an amplifier, whose effects stand between it and the machine.
+    Commanded,
+    /// A sensor measured it at the machine.
+    Measured,
 }
 
 /// Which equations the model has.
@@ -59,29 +72,9 @@ impl ModelKind {
     }
 }
 
-/// Force of a drive's motor per volt; the input of [`plant::drive`] is that force.
-pub(crate) const FORCE_PER_VOLT: ParameterInfo = ParameterInfo {
-    name: "force_per_volt_n",
-    unit: "N/V",
-    minimum: 1e-6,
-    maximum: 1e6,
-    printed: 35.15065,
-    source: "EMPS: Janot, Gautier, Brunot 2019",
-};
-
-/// Travel of a drive per turn of its motor, from which effects periodic in the motor's angle are
-/// recognised. Optional.
-pub(crate) const MOTOR_TURN: ParameterInfo = ParameterInfo {
-    name: "motor_turn_m",
-    unit: "m",
-    minimum: 1e-6,
-    maximum: 1e3,
-    printed: 2.5e-3,
-    source: "EMPS: Janot, Gautier, Brunot 2019",
-};
-
 const KEYS: Keys = &[
     ("kind", "Which equations the model has."),
+    ("force", "Where the force column of records comes from; as the kind has it, if left out."),
     ("parameters", "Declared parameters; those left out have their printed values."),
     ("effects", "Effects beyond the model's equations."),
     ("handle_coupling_kg_m2", "Products of inertia of a shared handle, one per pair of axes."),
@@ -91,6 +84,19 @@ impl Model {
     /// The declared parameter of that name.
     pub fn parameter(&self, name: &str) -> Option<&Parameter> {
         self.parameters.iter().find(|parameter| parameter.name == name)
+    }
+
+    /// Travel of a drive per turn of its motor (m or rad), where it is declared.
+    pub fn motor_turn(&self) -> Option<f64> {
+        MOTOR_TURN.iter().find_map(|name| Some(self.parameter(name)?.value))
+    }
+
+    /// Unit of the positions of a model with one measured channel, by the names of its parameters.
+    pub(crate) fn unit(&self) -> AxisUnit {
+        match self.parameters.iter().any(|parameter| is_rotary(&parameter.name)) {
+            true => AxisUnit::Radian,
+            false => AxisUnit::Metre,
+        }
     }
 
     /// The model with one axis's own parameters in place of, or beside, the common ones.
@@ -138,11 +144,13 @@ impl Model {
         let kinds: Vec<_> = ModelKind::all().map(|kind| (kind.name(), kind)).collect();
         let assumed = ModelKind::Transmission(Kind::Hydrostatic);
         let kind = section.word("kind", &kinds).unwrap_or(assumed);
+        let sources = [("commanded", ForceSource::Commanded), ("measured", ForceSource::Measured)];
+        let force = section.word_or_none("force", &sources);
         let parameters = Parameter::read_all(&section.section("parameters"));
         let effects = ModelEffect::read_all(&section);
         let products = bounds(-1.0, 1.0, "in kg·m²; a handle of 1 kg at 0.1 m has 0.01");
         let handle_coupling =
             section.numbers_or_none("handle_coupling_kg_m2", products).unwrap_or_default();
-        Self { kind, parameters, effects, handle_coupling }
+        Self { kind, force, parameters, effects, handle_coupling }
     }
 }

@@ -9,7 +9,8 @@ pub struct Parameter {
     pub name: String,
     /// Nominal value (SI).
     pub value: f64,
-    /// Tolerance as a fraction of the value: 0.05 is ±5 %.
+    /// Tolerance as a fraction of the value: 0.05 is ±5 %. Above 1 a parameter that cannot be
+    /// negative is believed to lie between its least value and the upper end.
     pub tolerance: f64,
     /// Tolerance in the parameter's own unit (SI); replaces `tolerance` for values near 0.
     pub tolerance_absolute: Option<f64>,
@@ -50,7 +51,8 @@ const KEYS: Keys = &[
 ];
 
 impl Parameter {
-    /// Half-width of the interval in which the value is believed to lie (SI).
+    /// Half-width of the interval in which the value is believed to lie (SI); its lower end may lie
+    /// below the least value of the parameter, where the interval then begins.
     pub fn spread(&self) -> f64 {
         self.tolerance_absolute.unwrap_or(self.tolerance * self.value.abs())
     }
@@ -70,7 +72,7 @@ impl Parameter {
         let section = table.section(&name);
         section.document("[model.parameters] and [axes.model], each entry", KEYS);
         let fraction =
-            bounds(0.0, 1.0, "a tolerance is a fraction of the value: write 5 % as 0.05");
+            bounds(0.0, 4.0, "a tolerance is a fraction of the value: write 5 % as 0.05");
         let absolute = bounds(0.0, f64::MAX, "half the interval, in the parameter's unit");
         let parameter = Self {
             name,

@@ -1,5 +1,7 @@
 //! A rig file as a whole: its sections, and what other crates ask of it.
 
+use std::path::Path;
+
 use ipc_types::ANALOG;
 use plant::effects::Effect;
 use plant::reflected_dynamics::ReflectedDynamics;
@@ -27,7 +29,8 @@ pub struct RigFile {
     pub rates: Rates,
     /// Phase of each process within its period.
     pub phases: Phases,
-    /// One to three axes.
+    /// One to three axes; none in a file that declares a model alone
+    /// ([`RigFile::parse_declaration`]).
     pub axes: Vec<Axis>,
     /// Up to sixteen analog inputs.
     pub channels: Vec<Channel>,
@@ -54,31 +57,52 @@ const KEYS: Keys = &[
     ("simulation", "Settings of the simulated card."),
 ];
 
+/// What a rig file is read for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Purpose {
+    /// To run the rig, or to simulate it.
+    Run,
+    /// To identify its model, for which a model of one channel needs no axes.
+    Identify,
+}
+
 impl RigFile {
     /// Reads every section; problems are collected in the section's source.
-    pub(crate) fn read(root: Section<'_>, text: &str, file_name: &str) -> Self {
+    pub(crate) fn read(root: Section<'_>, text: &str, file_name: &str, purpose: Purpose) -> Self {
         root.document("The file", KEYS);
         let rates = Rates::read(root.section("rates"));
         let axes: Vec<_> =
             root.sections("axes").into_iter().map(|section| Axis::read(section, &rates)).collect();
         let unit = axes.first().map_or(AxisUnit::Radian, |axis| axis.unit);
-        if axes.is_empty() || axes.len() > ipc_types::AXES {
-            let expected = format!("1 to {} axes", ipc_types::AXES);
-            root.problem("axes", expected, axes.len(), "write each as [[axes]]");
-        }
         let channels: Vec<_> = root.sections("channels").into_iter().map(Channel::read).collect();
         if channels.len() > ANALOG {
             let expected = format!("at most {ANALOG} channels");
             root.problem("channels", expected, channels.len(), "take some out");
         }
+        let phases = Phases::read(root.section("phases_us"));
+        let model = Model::read(root.section("model"));
+        let one_channel = !model.kind.is_transmission();
+        let alone = axes.is_empty() && one_channel && purpose == Purpose::Identify;
+        if axes.is_empty() && !alone || axes.len() > ipc_types::AXES {
+            let expected = format!("1 to {} axes", ipc_types::AXES);
+            let advice = match axes.is_empty() && one_channel {
+                true => "a file without axes is for `farreach identify`; write each as [[axes]]",
+                false => "write each as [[axes]]",
+            };
+            root.problem("axes", expected, axes.len(), advice);
+        }
+        let name = match alone {
+            true => root.text_or_none("name").unwrap_or_else(|| stem(file_name)),
+            false => root.text("name"),
+        };
         Self {
-            name: root.text("name"),
+            name,
             description: root.text_or_none("description").unwrap_or_default(),
             rates,
-            phases: Phases::read(root.section("phases_us")),
+            phases,
             axes,
             channels,
-            model: Model::read(root.section("model")),
+            model,
             replay: Replay::read(root.section("replay"), unit),
             simulation: Simulation::read(root.section("simulation"), unit),
             text: text.to_owned(),
@@ -98,6 +122,12 @@ impl RigFile {
     /// Declared model of one axis: that of the file, overridden by `axes.model`.
     pub fn axis_model(&self, axis: &Axis) -> Model {
         self.model.with(&axis.model)
+    }
+
+    /// Unit of the first axis's positions; without axes that of the declared parameters.
+    pub fn unit(&self) -> AxisUnit {
+        let of_parameters = || self.model.unit();
+        self.axes.first().map_or_else(of_parameters, |axis| axis.unit)
     }
 
     /// The declared effects, for the plant of an axis.
@@ -170,6 +200,12 @@ impl RigFile {
     pub fn identity(&self) -> u64 {
         self.identity
     }
+}
+
+/// Name of a file without folder and extension.
+fn stem(file_name: &str) -> String {
+    let stem = Path::new(file_name).file_stem().unwrap_or_default();
+    stem.to_string_lossy().into_owned()
 }
 
 /// Column names of a measured record, for `--replay` and `identify`.

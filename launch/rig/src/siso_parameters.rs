@@ -1,7 +1,7 @@
-//! Parameters of the models of one channel that no plant simulates: an oscillator, and a part
-//! tested by itself.
+//! Parameters of the models of one channel that no plant simulates: an oscillator, a part tested by
+//! itself, and those of a drive beyond the plant's.
 
-use plant::ParameterInfo;
+use plant::{ParameterInfo, drive};
 
 const fn info(
     name: &'static str,
@@ -10,6 +10,36 @@ const fn info(
     (printed, source): (f64, &'static str),
 ) -> ParameterInfo {
     ParameterInfo { name, unit, minimum, maximum, printed, source }
+}
+
+const EMPS: &str = "EMPS: Janot, Gautier, Brunot 2019";
+
+/// Force of a drive's motor per volt; the input of [`plant::drive`] is that force.
+pub(crate) const FORCE_PER_VOLT: [&str; 2] = ["force_per_volt_n", "torque_per_volt_nm"];
+
+/// Travel of a drive per turn of its motor, from which effects periodic in its angle are
+/// recognised.
+pub(crate) const MOTOR_TURN: [&str; 2] = ["motor_turn_m", "motor_turn_rad"];
+
+/// A drive's parameters beside those of [`plant::drive`]: its motor, and the rotary names.
+const DRIVE: &[ParameterInfo] = &[
+    info(FORCE_PER_VOLT[0], "N/V", (1e-6, 1e6), (35.15065, EMPS)),
+    info(FORCE_PER_VOLT[1], "N m/V", (1e-9, 1e6), (1.0, "assumed")),
+    info(MOTOR_TURN[0], "m", (1e-6, 1e3), (2.5e-3, EMPS)),
+    info(MOTOR_TURN[1], "rad", (1e-6, 1e3), (6.283, "a motor without a gear")),
+    info("inertia_kg_m2", "kg m^2", (1e-12, 1e6), (1e-3, "assumed")),
+    info("viscous_friction_nm_s_per_rad", "N m s/rad", (0.0, 1e6), (0.0, "none")),
+    info("torque_offset_nm", "N m", (-1e6, 1e6), (0.0, "none")),
+];
+
+/// The parameters of a drive.
+pub(crate) fn of_drive() -> Vec<ParameterInfo> {
+    [drive::Parameters::NAMES, DRIVE].concat()
+}
+
+/// Whether the name of a parameter of a model with one measured channel belongs to an axis in rad.
+pub fn is_rotary(name: &str) -> bool {
+    ["_nm", "_kg_m2", "_rad"].iter().any(|end| name.ends_with(end))
 }
 
 /// `mass ÿ + damping ẏ + stiffness y + offset = input`, input and output in volts.

@@ -123,6 +123,30 @@ fn the_longest_run_is_kept_where_that_is_allowed_and_reported() {
 }
 
 #[test]
+fn uneven_rows_are_resampled_where_that_is_allowed_and_told() {
+    let options = Options { even_out: true, ..Options::default() };
+    let row = |t: f64| format!("{t:.6},{:.9},{:.9}", (3.0 * t).sin(), (5.0 * t).cos());
+    // A jitter of a tenth of the step, and two missing rows.
+    let jitter = |i: usize| 0.01 * i as f64 + 0.001 * ((i * 7 % 5) as f64 - 2.0) / 2.0;
+    let text = table(400, |i| row(jitter(if i < 100 { i } else { i + 2 })));
+    assert!(csv(&text, &Options::default()).is_err());
+    let record = csv(&text, &options).unwrap();
+    let step = |at: usize| record.time_s[at + 1] - record.time_s[at];
+    assert!((0..record.len() - 1).all(|at| (step(at) / step(0) - 1.0).abs() < 1e-6));
+    let close = |(time, value): (&f64, &f64)| (value - (3.0 * time).sin()).abs() < 5e-3;
+    assert!(record.time_s.iter().zip(record.column("motor_v").unwrap()).all(close));
+    let finding = &record.findings[0];
+    assert_eq!(finding.kind, FindingKind::Resampled);
+    assert!(finding.text.contains("2 rows are missing"), "{}", finding.text);
+    // A gap stays an error with its row; even rows stay as they are.
+    let text = table(400, |i| row(jitter(if i < 100 { i } else { i + 5 })));
+    let error = csv(&text, &options).unwrap_err().to_string();
+    assert!(error.contains("row 102") && error.contains("samples are missing"), "{error}");
+    let text = table(400, |i| row(0.01 * i as f64));
+    assert_eq!(csv(&text, &options).unwrap(), csv(&text, &Options::default()).unwrap());
+}
+
+#[test]
 fn dead_and_saturated_channels_are_findings() {
     let text = table(2000, |i| {
         format!("{:.4},0.25,{}", i as f64 * 5e-4, (i as f64 * 0.01).sin().min(0.8))

@@ -161,7 +161,7 @@ impl Series {
 
     /// The error for too few rows.
     pub fn short(&self, rows: usize) -> IdentifyError {
-        let expected = "at least 6 s of movement at 50 Hz or more";
+        let expected = "at least 2 s of movement at 50 Hz or more";
         IdentifyError::short(&self.file, format!("{rows} rows"), expected)
     }
 }

@@ -118,7 +118,7 @@ fn refuse(args: &Args, kind: RefusalKind, message: String) -> i32 {
 }
 
 fn whole(args: &Args) -> anyhow::Result<(RigFile, Identification)> {
-    let rig = rig::load_rig(&args.rig)?;
+    let rig = rig::load_declaration(&args.rig)?;
     let records = records(args, &rig)?;
     // A spinner shows progress; nothing is drawn in a pipe.
     let bar = ProgressBar::new_spinner()
@@ -239,6 +239,7 @@ fn records(args: &Args, rig: &RigFile) -> Result<Vec<Series>> {
     let options = recording::record::Options {
         mapping: args.map.clone(),
         resample_hz: args.resample,
+        even_out: true,
         ..Default::default()
     };
     asked

@@ -61,17 +61,19 @@ impl Default for StudyOptions {
 pub fn study(rig: &RigFile, records: &[Series], how: StudyOptions) -> Result<Identification> {
     let started = std::time::Instant::now();
     let file = rig.file_name().to_owned();
-    let [axis] = rig.axes.as_slice() else {
+    let axis = rig.axes.first();
+    if rig.axes.len() > 1 {
         // Nobody says which of several axes a model's parameters belong to.
         return Err(IdentifyError::Unusable(format!(
             "{file}: [[axes]]: expected one axis, found {}; identify one axis at a time, with a \
              rig file that has it alone",
             rig.axes.len()
         )));
-    };
+    }
     let model = of_kind(rig.model.kind);
-    let gear = axis.master.turns_per_handle_turn;
-    let slave_count_rad = axis.slave.map(|encoder| 1.0 / encoder.counts_per_unit);
+    let gear = axis.map_or(1.0, |axis| axis.master.turns_per_handle_turn);
+    let slave = axis.and_then(|axis| axis.slave);
+    let slave_count_rad = slave.map(|encoder| 1.0 / encoder.counts_per_unit);
     let capability = RigCapability::of(rig);
     if how.calibrate > 0 && capability.is_none() {
         return Err(IdentifyError::Unusable(format!(
@@ -79,7 +81,7 @@ pub fn study(rig: &RigFile, records: &[Series], how: StudyOptions) -> Result<Ide
              kind \"{}\" with an axis in {}; records of others are not simulated: leave \
              --calibrate out",
             rig.model.kind.name(),
-            axis.unit.symbol()
+            rig.unit().symbol()
         )));
     }
     let deadline = how.limit_s.map_or(Deadline::when(|| false), |limit_s| {
@@ -100,7 +102,7 @@ pub fn study(rig: &RigFile, records: &[Series], how: StudyOptions) -> Result<Ide
         .num_threads(how.jobs)
         .build()
         .map_err(|error| IdentifyError::Unusable(format!("no threads: {error}")))?;
-    let declared = rig.axis_model(axis);
+    let declared = axis.map_or_else(|| rig.model.clone(), |axis| rig.axis_model(axis));
     let (mut outcome, page) =
         pool.install(|| model.identify(&file, &declared, records, options))?;
     let (_, sentence, detail) = sentences(&outcome, model.is_located());
@@ -132,9 +134,12 @@ fn check_mapping(rig: &RigFile, mapping: &[Mapping]) -> Result<()> {
     })
 }
 
-/// A machine as described in messages.
+/// A machine as described in messages; without axes its unit is that of its parameters.
 fn machine(rig: &RigFile) -> String {
-    let units: BTreeSet<&str> = rig.axes.iter().map(|axis| axis.unit.symbol()).collect();
+    let units: BTreeSet<&str> = match rig.axes.as_slice() {
+        [] => [rig.unit().symbol()].into(),
+        axes => axes.iter().map(|axis| axis.unit.symbol()).collect(),
+    };
     let units: Vec<&str> = units.into_iter().collect();
     format!("`{}` (a model of kind {}, in {})", rig.name, rig.model.kind.name(), units.join(", "))
 }
@@ -196,11 +201,10 @@ pub fn read(path: &Path, rig: &RigFile) -> Result<Series> {
 /// # Errors
 /// As [`read`].
 pub fn read_mapped(path: &Path, rig: &RigFile, options: &record::Options) -> Result<Series> {
-    let turns = rig.axes.first().is_some_and(|axis| axis.unit == AxisUnit::Radian);
-    let names = match (rig.model.kind.is_transmission(), turns) {
+    let names = match (rig.model.kind.is_transmission(), rig.unit()) {
         (true, _) => ColumnNames::rotary(),
-        (false, true) => ColumnNames::one_mass_rotary(),
-        (false, false) => ColumnNames::one_mass_linear(),
+        (false, AxisUnit::Radian) => ColumnNames::one_mass_rotary(),
+        (false, AxisUnit::Metre) => ColumnNames::one_mass_linear(),
     };
     check_mapping(rig, &options.mapping)?;
     let file = path.display().to_string();

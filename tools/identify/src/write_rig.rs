@@ -80,7 +80,7 @@ pub fn fitted(
         WriteRigError(format!("{file}: expected a rig file, found {error}"))
     })?;
     let read = |text: &str| {
-        RigFile::parse(text, file).map_err(|problems| {
+        RigFile::parse_declaration(text, file).map_err(|problems| {
             WriteRigError(format!(
                 "the rig file is not written, because it could not be used:\n{problems}\nmend \
                  these keys in {file} and run identify again"

@@ -93,6 +93,7 @@ fn rig(mass_tolerance: f64) -> rig::Model {
     };
     rig::Model {
         kind: rig::ModelKind::Drive,
+        force: None,
         parameters: vec![
             parameter("mass_kg", 95.0, mass_tolerance, None),
             parameter("viscous_friction_n_s_per_m", 200.0, 1.0, None),
@@ -345,7 +346,129 @@ fn a_record_too_short_to_select_on_is_refused() {
     assert!(
         error.contains("select.csv")
             && error.contains("0.60 s to select on")
-            && error.contains("3 stretches"),
+            && error.contains("3 stretches")
+            && error.contains("a record of 1.4 s"),
         "{error}"
     );
+}
+
+#[test]
+fn effects_of_an_amplifier_are_no_candidates_where_the_force_is_measured() {
+    let amplifier = |force| {
+        let model = rig::Model { force, ..rig(0.25) };
+        let series = record(Truth { coulomb: 20.0, ..Truth::default() }, 9);
+        let outcome = identify(&[series], &model).unwrap();
+        assert_eq!(ids(&outcome), ["coulomb_friction"], "{force:?}");
+        outcome.candidates.iter().any(|candidate| candidate.id.starts_with("amplifier_"))
+    };
+    assert!(amplifier(None) && amplifier(Some(rig::ForceSource::Commanded)));
+    assert!(!amplifier(Some(rig::ForceSource::Measured)));
+}
+
+#[test]
+fn a_rotary_drive_is_declared_in_its_units_or_in_those_of_a_linear_one() {
+    let mut series = record(Truth { coulomb: 20.0, ..Truth::default() }, 9);
+    series.columns[1].0 = "position_rad".into();
+    series.columns[2].0 = "torque_nm".into();
+    let linear = identify(std::slice::from_ref(&series), &rig(0.25)).unwrap();
+    let note = "declared for a linear axis, taken in the units of torque_nm: mass_kg (kg·m²)";
+    assert!(linear.notes.iter().any(|own| own.starts_with(note)), "{:?}", linear.notes);
+    let mut declared = rig(0.25);
+    let names = ["inertia_kg_m2", "viscous_friction_nm_s_per_rad", "torque_offset_nm"];
+    for (parameter, name) in declared.parameters.iter_mut().zip(names) {
+        parameter.name = name.into();
+    }
+    let rotary = identify(std::slice::from_ref(&series), &declared).unwrap();
+    assert!(rotary.notes.iter().all(|note| !note.starts_with("declared for")));
+    assert_eq!(ids(&rotary), ids(&linear));
+    assert_eq!(rotary.error["torque_nm"].after, linear.error["torque_nm"].after);
+    // Of both names that of the record's unit counts.
+    declared.parameters.splice(0..0, rig(0.25).parameters);
+    let both = identify(&[series], &declared).unwrap();
+    assert_eq!(both.parameters[0].name, "inertia_kg_m2");
+}
+
+#[test]
+fn a_tolerance_above_the_value_leaves_a_mass_positive() {
+    let outcome = identify(&[record(Truth::default(), 2)], &rig(3.0)).unwrap();
+    assert_eq!(outcome.verdict, Verdict::None, "{:?}", ids(&outcome));
+    let (mass, std) = declared(&outcome, "mass_kg");
+    assert!(within(mass, std, MASS, 4.5), "{mass} ± {std}");
+}
+
+#[test]
+fn a_still_tail_carries_no_role_alone() {
+    // 7 s of movement and 25 s at rest.
+    let mut series = record(Truth { coulomb: 20.0, ..Truth::default() }, 5);
+    for (name, values) in &mut series.columns {
+        values.truncate(3500);
+        let last = values[3499];
+        values.extend((1..=12_500).map(|row| match name.as_str() {
+            "t_s" => last + f64::from(row) / 500.0,
+            "force_n" => OFFSET + 0.01 * f64::from(row % 11),
+            _ => last,
+        }));
+    }
+    let outcome = identify(std::slice::from_ref(&series), &rig(0.25)).unwrap();
+    assert!(!outcome.effects.is_empty() || outcome.verdict == Verdict::Inadequate);
+    let note = |outcome: &Outcome, end: &str| outcome.notes.iter().any(|note| note.ends_with(end));
+    // Whole records that stand still are left out.
+    let mut still = series.clone();
+    still.file = "still.csv".into();
+    still.columns.iter_mut().for_each(|(_, values)| *values = values.split_off(4000));
+    let moving = (1..=3).map(|seed| record(Truth { coulomb: 20.0, ..Truth::default() }, seed));
+    let mut records: Vec<Series> = moving.collect();
+    still.columns[1].1.iter_mut().zip(0..).for_each(|(x, row)| *x += 1e-7 * f64::from(row % 12));
+    records.push(still);
+    let outcome = identify(&records, &rig(0.25)).unwrap();
+    assert!(note(&outcome, "still.csv is left out: nothing moves"), "{:?}", outcome.notes);
+    assert_eq!(ids(&outcome), ["coulomb_friction"]);
+    // Too little of a record moves.
+    series.columns.iter_mut().for_each(|(_, values)| *values = values.split_off(2500));
+    let error = identify(&[series], &rig(0.25)).unwrap_err().to_string();
+    assert!(error.contains("stretches move") && error.contains("9 stretches"), "{error}");
+}
+
+/// The first so many seconds of a record with Coulomb friction, at 500 Hz divided by `every`.
+fn short(seed: u64, seconds: f64, every: usize) -> Series {
+    let mut series = record(Truth { coulomb: 20.0, ..Truth::default() }, seed);
+    for (_, values) in &mut series.columns {
+        values.truncate((seconds * 500.0) as usize + 1);
+        *values = values.iter().copied().step_by(every).collect();
+    }
+    series
+}
+
+#[test]
+fn a_record_of_five_seconds_fits_selects_and_reports() {
+    for seed in 1..=3 {
+        let outcome = identify(&[short(seed, 4.7, 1)], &rig(0.25)).unwrap();
+        // Three blocks prove less than ten: nothing may be named, and dry friction may go by the
+        // name of presliding.
+        let found = ids(&outcome);
+        let right = [&["coulomb_friction"], &["presliding_hysteresis"]];
+        assert!(
+            outcome.verdict == Verdict::Inadequate || right.iter().any(|names| found == **names),
+            "seed {seed}: {found:?} {:?}",
+            outcome.candidates
+        );
+    }
+    let error = identify(&[short(1, 4.0, 1)], &rig(0.25)).unwrap_err().to_string();
+    for part in ["4.00 s (2001 rows)", "expected 4.6 s for 9 stretches", "three records of 1.4 s"] {
+        assert!(error.contains(part), "{part}: {error}");
+    }
+}
+
+#[test]
+fn records_of_two_seconds_are_enough_where_there_are_several() {
+    // Below the cut-off's highest value blocks are longer, and one record has two of them.
+    for (count, every) in [(3, 1), (6, 2)] {
+        let records: Vec<Series> = (1..=count).map(|seed| short(seed, 2.0, every)).collect();
+        let outcome = identify(&records, &rig(0.25)).unwrap();
+        assert_eq!(ids(&outcome), ["coulomb_friction"], "{count}: {:?}", outcome.candidates);
+        let (coulomb, _) = effect(&outcome, "coulomb");
+        assert!((coulomb - 20.0).abs() < 3.0, "{count}: {coulomb}");
+    }
+    let two: Vec<Series> = [short(1, 3.4, 1), short(2, 2.0, 1)].into();
+    assert_eq!(ids(&identify(&two, &rig(0.25)).unwrap()), ["coulomb_friction"]);
 }

@@ -147,6 +147,23 @@ fn dry_friction_is_measured() {
 }
 
 #[test]
+fn a_record_of_two_and_a_half_seconds_is_enough() {
+    for seed in 1..=4 {
+        let cut = |mut series: identify::input::Series| {
+            series.columns.iter_mut().for_each(|column| column.1.truncate(1251));
+            series
+        };
+        let short = cut(record(seed, STIFFNESS, DAMPING, &mut |n| 1.5 * n.velocity.signum()));
+        let outcome = run(&declared(0.25, 0.5), &[short]).unwrap();
+        only(&outcome, "coulomb_friction");
+        close(&outcome, "coulomb", 1.5, 0.1);
+        let clean = cut(record(seed, STIFFNESS, DAMPING, &mut |_| 0.0));
+        let outcome = run(&declared(0.25, 0.5), &[clean]).unwrap();
+        assert_eq!(outcome.verdict, Verdict::None, "seed {seed}: {:?}", ids(&outcome));
+    }
+}
+
+#[test]
 fn presliding_is_distinguished_from_dry_friction() {
     let mut bristle = 0.0;
     let outcome = identify(24, &mut |n| {

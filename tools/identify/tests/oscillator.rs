@@ -116,6 +116,17 @@ fn a_cubic_and_a_quadratic_spring_are_measured() {
 }
 
 #[test]
+fn a_record_of_two_seconds_is_enough() {
+    for seed in 1..=3 {
+        let mut series = record(seed, &|u| u, &|_, y, _| 4.0 * y.powi(3));
+        series.columns.iter_mut().for_each(|column| column.1.truncate(1201));
+        let outcome = run(&declared(), &[series]).unwrap();
+        only(&outcome, "nonlinear_stiffness");
+        close(&outcome, "cubic", 4.0, 0.05);
+    }
+}
+
+#[test]
 fn drag_is_measured() {
     let outcome = identify(12, &|_, _, v| 1.5e-5 * v * v.abs());
     only(&outcome, "quadratic_drag");

@@ -3,14 +3,14 @@
 use plant::coupled_axes::{CouplingError, HandleCoupling, LEAST_EIGENVALUE};
 use plant::effects::EffectError;
 use plant::transmission_kinds::Parameters;
-use plant::{ParameterError, ParameterInfo, drive};
+use plant::{ParameterError, ParameterInfo};
 
 use crate::axis::Axis;
 use crate::checked_toml::{Source, nearest};
 use crate::effect::{ModelEffect, ModelEffectError};
-use crate::model::{FORCE_PER_VOLT, MOTOR_TURN, Model, ModelKind};
+use crate::model::{Model, ModelKind};
 use crate::parameter::Parameter;
-use crate::siso_parameters;
+use crate::siso_parameters::{self, FORCE_PER_VOLT};
 
 /// Checks the model, also with each axis's own parameters.
 pub(super) fn check(model: &Model, axes: &[Axis], source: &Source<'_>) {
@@ -25,10 +25,16 @@ pub(super) fn check(model: &Model, axes: &[Axis], source: &Source<'_>) {
             check_parameters(model.kind, &table, &axis.model, source);
         }
     }
-    let motor = FORCE_PER_VOLT;
-    if model.kind == ModelKind::Drive && model.parameter(motor.name).is_none() {
-        let advice = format!("add {} = {{ value = … }}, in {}", motor.name, motor.unit);
-        source.problem("model.parameters", format!("`{}`", motor.name), "nothing", advice);
+    if model.force.is_some() && model.kind.is_transmission() {
+        let found = format!("the model \"{}\"", model.kind.name());
+        let expected = "a drive, an element or an oscillator, which have one measured channel";
+        source.problem("model.force", expected, found, "take the key out");
+    }
+    let has_motor = FORCE_PER_VOLT.iter().any(|name| model.parameter(name).is_some());
+    if model.kind == ModelKind::Drive && !axes.is_empty() && !has_motor {
+        let [name, _] = FORCE_PER_VOLT;
+        let advice = format!("add {name} = {{ value = … }}, in N/V");
+        source.problem("model.parameters", format!("`{name}`"), "nothing", advice);
     }
     if source.is_clean() {
         check_effects(model, axes, source);
@@ -39,15 +45,14 @@ pub(super) fn check(model: &Model, axes: &[Axis], source: &Source<'_>) {
 }
 
 fn check_parameters(kind: ModelKind, table: &str, parameters: &[Parameter], source: &Source<'_>) {
+    let of_drive = siso_parameters::of_drive();
     let infos: &[ParameterInfo] = match kind {
         ModelKind::Transmission(kind) => kind.infos(),
-        ModelKind::Drive => drive::Parameters::NAMES,
+        ModelKind::Drive => &of_drive,
         ModelKind::Oscillator => siso_parameters::OSCILLATOR,
         ModelKind::Element => siso_parameters::ELEMENT,
     };
-    let motor: &[ParameterInfo] =
-        if kind == ModelKind::Drive { &[FORCE_PER_VOLT, MOTOR_TURN] } else { &[] };
-    let infos = || infos.iter().chain(motor);
+    let infos = || infos.iter();
     for parameter in parameters {
         let key = format!("{table}.{}", parameter.name);
         let Some(info) = infos().find(|info| info.name == parameter.name) else {
@@ -77,6 +82,9 @@ fn check_effects(model: &Model, axes: &[Axis], source: &Source<'_>) {
             let found = format!("{} at {}", effect.id, effect.site);
             let key = format!("model.effects.{at}.id");
             source.problem(&key, expected, found, "take one of the two out");
+        }
+        if axes.is_empty() {
+            check_effect(effect, at, None, source);
         }
         for axis in axes {
             check_effect(effect, at, model.of_axis(&axis.model, "").ok(), source);

@@ -11,7 +11,7 @@ use toml::de::DeTable;
 
 use crate::checked_toml::{Documented, Keys, Section, Source, stands_for};
 use crate::protocol::{Protocol, WORDS};
-use crate::rig_file::RigFile;
+use crate::rig_file::{Purpose, RigFile};
 
 /// Every section that the reader knows; the values need not be valid.
 const RIG: &str = r#"
@@ -141,7 +141,7 @@ fn the_page_of_the_rig_file_is_what_the_reader_accepts() {
     let mut accepted = Accepted::default();
     for unit in ["rad", "m"] {
         accepted.read(&RIG.replace("UNIT", unit), |root, text| {
-            RigFile::read(root, text, "reference.toml");
+            RigFile::read(root, text, "reference.toml", Purpose::Run);
         });
     }
     check("rig-file.md", &accepted.page(include_str!("generated_pages/rig-file.md")));

@@ -38,8 +38,29 @@ impl<'a> Steps<'a> {
         (0..self.steps.len()).filter(|&at| is_gap(self.steps[at], self.median)).collect()
     }
 
+    /// Whether a step differs from the median by more than this share of it.
+    pub(super) fn is_uneven(&self, tolerance: f64) -> bool {
+        self.steps.iter().any(|step| (step - self.median).abs() > tolerance * self.median)
+    }
+
+    /// How uneven the steps are, and how many are missing, in words.
+    pub(super) fn unevenness(&self, tolerance: f64) -> String {
+        let off = |step: &&f64| (**step - self.median).abs() > tolerance * self.median;
+        let uneven = self.steps.iter().filter(off).count();
+        let least = self.steps.iter().copied().fold(f64::INFINITY, f64::min);
+        let most = self.steps.iter().copied().fold(0.0, f64::max);
+        let missing: u64 = (0..self.steps.len()).map(|at| self.missing(at)).sum();
+        format!(
+            "{uneven} of {} steps differ from the median of {:.6} s by more than {} % \
+             ({least:.6} to {most:.6} s; {missing} rows are missing)",
+            self.steps.len(),
+            self.median,
+            100.0 * tolerance,
+        )
+    }
+
     fn missing(&self, at: usize) -> u64 {
-        (self.steps[at] / self.median).round() as u64 - 1
+        ((self.steps[at] / self.median).round() as u64).saturating_sub(1)
     }
 
     /// Refuses gaps.

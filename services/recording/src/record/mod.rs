@@ -93,6 +93,10 @@ pub struct Options {
     pub mapping: Vec<Mapping>,
     /// Rate to which the rows are resampled by linear interpolation (Hz); `None` for no resampling.
     pub resample_hz: Option<f64>,
+    /// Whether rows that are not uniform within [`Options::time_tolerance`] are resampled to their
+    /// median step, with a finding, where no more than two rows in a row are missing. Longer gaps
+    /// stay an error.
+    pub even_out: bool,
 }
 
 impl Default for Options {
@@ -104,6 +108,7 @@ impl Default for Options {
             rows_min: 10,
             mapping: Vec::new(),
             resample_hz: None,
+            even_out: false,
         }
     }
 }

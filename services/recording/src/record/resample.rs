@@ -5,8 +5,9 @@ use std::path::Path;
 use super::grid::Steps;
 use super::{Draft, Finding, FindingKind, Options, Problem, Record, RecordError, TIME};
 
-/// A time step beyond this multiple of the median is a gap, which is not interpolated.
-const GAP: f64 = 3.0;
+/// A time step beyond this multiple of the median is a gap, which is not interpolated: two rows may
+/// be missing, beside jitter.
+const GAP: f64 = 3.5;
 /// Least and greatest rate, as multiples of the rows' own.
 const RATES: (f64, f64) = (0.5, 2.0);
 
@@ -111,13 +112,31 @@ impl Draft {
         record.map_err(|problem| problem.of(file))
     }
 
+    /// Whether every value is a number.
+    fn is_finite(&self) -> bool {
+        let mut all = std::iter::once(&self.time_s).chain(self.columns.values());
+        all.all(|values| values.iter().all(|value| value.is_finite()))
+    }
+
     fn resampled(self, options: &Options) -> Result<Self, Problem> {
-        if options.resample_hz.is_none() {
+        let even = options.even_out && options.resample_hz.is_none();
+        let usable = self.time_s.len() > 2 && self.is_finite();
+        if !(even && usable) && options.resample_hz.is_none() {
             return Ok(self);
+        }
+        let (mut hz, mut told) = (options.resample_hz, String::new());
+        if even {
+            let steps = Steps::new(&self.time_s, &self.rows)?;
+            if !steps.is_uneven(options.time_tolerance) {
+                return Ok(self);
+            }
+            hz = Some(1.0 / steps.median);
+            told = format!("; {}", steps.unevenness(options.time_tolerance));
         }
         let Self { rows, time_s, columns, findings } = self;
         let track = Track { rows, time_s, columns: columns.into_iter().collect() };
-        let mut draft = on_one_grid(&[track], options.resample_hz)?;
+        let mut draft = on_one_grid(&[track], hz)?;
+        draft.findings.iter_mut().for_each(|finding| finding.text += &told);
         draft.findings.splice(0..0, findings);
         Ok(draft)
     }

@@ -25,34 +25,73 @@ pub struct Block {
     pub role: Role,
 }
 
-/// Splits one record into contiguous blocks of `length` rows with `guard` rows left out in between,
-/// so that the low-pass carries nothing from one block into the next. Of every four successive
-/// blocks two fit, one selects and one reports, in random order: the roles are spread over the
-/// record and cannot coincide with a period of the motion.
-pub fn one_record(
-    record: usize,
-    rows: usize,
-    length: usize,
-    guard: usize,
-    seed: u64,
-) -> Vec<Block> {
-    let mut random = SplitMix64::seed_from_u64(seed);
-    let mut blocks = Vec::new();
-    let mut start = 0;
-    let mut roles = Vec::new();
-    while start + length <= rows {
-        if roles.is_empty() {
-            roles = vec![Role::Fit, Role::Fit, Role::Select, Role::Report];
-            for i in (1..roles.len()).rev() {
-                roles.swap(i, (random.next_u64() % (i as u64 + 1)) as usize);
-            }
-        }
-        if let Some(role) = roles.pop() {
-            blocks.push(Block { record, rows: start..start + length, role });
-        }
-        start += length + guard;
+/// Fewest blocks of one record whose roles are drawn in turns of four.
+pub const MANY: usize = 12;
+/// With fewer blocks, so many blocks have each of the roles that do not fit.
+pub const FEW: usize = 3;
+
+/// How one record is cut into contiguous blocks, with rows left out in between so that the low-pass
+/// carries nothing from one block into the next.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Cut {
+    /// Index of the record.
+    pub record: usize,
+    /// Number of its rows.
+    pub rows: usize,
+    /// Rows of a block.
+    pub length: usize,
+    /// Rows left out between two blocks.
+    pub guard: usize,
+}
+
+impl Cut {
+    /// Number of blocks.
+    pub fn count(&self) -> usize {
+        (self.rows + self.guard) / (self.length + self.guard)
     }
-    blocks
+
+    /// The blocks with roles drawn by [`draw`].
+    pub fn blocks(&self, held_out: &[Role], seed: u64) -> Vec<Block> {
+        let start = |block: usize| block * (self.length + self.guard);
+        draw(self.count(), held_out, seed)
+            .into_iter()
+            .enumerate()
+            .map(|(block, role)| Block {
+                record: self.record,
+                rows: start(block)..start(block) + self.length,
+                role,
+            })
+            .collect()
+    }
+}
+
+/// Roles of `count` successive blocks in random order, spread over the record so that they cannot
+/// coincide with a period of the motion: of every four successive blocks two fit, one selects and
+/// one reports. With fewer than [`MANY`] blocks each third of the record has one block of each of
+/// the roles `held_out`; the others fit.
+pub fn draw(count: usize, held_out: &[Role], seed: u64) -> Vec<Role> {
+    let mut random = SplitMix64::seed_from_u64(seed);
+    let mut roles = Vec::new();
+    let mut turn = |mut turn: Vec<Role>| {
+        for i in (1..turn.len()).rev() {
+            turn.swap(i, (random.next_u64() % (i as u64 + 1)) as usize);
+        }
+        turn.reverse();
+        turn
+    };
+    if count < MANY {
+        for third in 0..FEW {
+            let blocks = (third + 1) * count / FEW - third * count / FEW;
+            let fits = blocks.saturating_sub(held_out.len());
+            let held_out = held_out.iter().copied();
+            roles.extend(turn(held_out.chain(vec![Role::Fit; fits]).collect()));
+        }
+    }
+    while roles.len() < count {
+        roles.extend(turn(vec![Role::Fit, Role::Fit, Role::Select, Role::Report]));
+    }
+    roles.truncate(count);
+    roles
 }
 
 /// A whole record in one role, cut into blocks of about `length` rows (gains are validated block by
@@ -64,23 +103,15 @@ pub fn whole_record(record: usize, rows: usize, length: usize, role: Role) -> Ve
         .collect()
 }
 
-/// Default roles of `n` whole records: the last quarter reports, the quarter before it selects
-/// (each rounded down, but at least one record), the others fit. `None` for fewer than three
-/// records.
-pub fn roles(n: usize) -> Option<Vec<Role>> {
-    if n < 3 {
-        return None;
-    }
-    let quarter = (n / 4).max(1);
-    Some(
-        (0..n)
-            .map(|i| match i {
-                i if i >= n - quarter => Role::Report,
-                i if i >= n - 2 * quarter => Role::Select,
-                _ => Role::Fit,
-            })
-            .collect(),
-    )
+/// Default roles of `n` whole records: the last `held_out` report, as many before them select, the
+/// others fit. `None` where no record is left to fit.
+pub fn roles(n: usize, held_out: usize) -> Option<Vec<Role>> {
+    let role = |i: usize| match i {
+        i if i >= n - held_out => Role::Report,
+        i if i >= n - 2 * held_out => Role::Select,
+        _ => Role::Fit,
+    };
+    (2 * held_out < n).then(|| (0..n).map(role).collect())
 }
 
 /// Blocks of one role.
@@ -90,23 +121,52 @@ pub fn blocks_of_role(blocks: &[Block], role: Role) -> Vec<Block> {
 
 #[cfg(test)]
 mod tests {
+    #![allow(clippy::unwrap_used)]
     use super::*;
+
+    fn cut(rows: usize) -> Cut {
+        Cut { record: 0, rows, length: 120, guard: 20 }
+    }
+
+    fn count(blocks: &[Block], role: Role) -> usize {
+        blocks.iter().filter(|b| b.role == role).count()
+    }
 
     #[test]
     fn blocks_keep_their_distance_and_all_roles_are_there() {
+        let blocks = |seed| cut(5000).blocks(&[Role::Select, Role::Report], seed);
         for seed in 0..20 {
-            let blocks = one_record(0, 5000, 120, 20, seed);
+            let blocks = blocks(seed);
             for pair in blocks.windows(2) {
                 assert_eq!(pair[1].rows.start - pair[0].rows.end, 20);
             }
-            let count = |role| blocks.iter().filter(|b| b.role == role).count();
+            assert!(blocks.last().unwrap().rows.end <= 5000);
+            let count = |role| count(&blocks, role);
             assert!(
                 count(Role::Fit) >= 2 * count(Role::Select) - 2 && count(Role::Select) >= 8,
                 "seed {seed}"
             );
             assert!(count(Role::Report) >= 8);
         }
-        assert_ne!(one_record(0, 5000, 120, 20, 1), one_record(0, 5000, 120, 20, 2));
+        assert_ne!(blocks(1), blocks(2));
+    }
+
+    #[test]
+    fn few_blocks_have_three_of_each_role_one_in_each_third() {
+        for (blocks, seed) in (9..MANY).flat_map(|blocks| (0..20).map(move |seed| (blocks, seed))) {
+            let cut = cut(blocks * 140 - 20);
+            assert_eq!(cut.count(), blocks);
+            let cut_blocks = cut.blocks(&[Role::Select, Role::Report], seed);
+            let count = |role| count(&cut_blocks, role);
+            assert_eq!((count(Role::Select), count(Role::Report)), (FEW, FEW));
+            assert_eq!(count(Role::Fit), blocks - 2 * FEW);
+            let first = cut_blocks.iter().position(|b| b.role == Role::Select).unwrap();
+            let last = cut_blocks.iter().rposition(|b| b.role == Role::Select).unwrap();
+            assert!(first < 3 && last >= blocks - 4, "{cut_blocks:?}");
+        }
+        // Where nothing reports.
+        let blocks = cut(6 * 140).blocks(&[Role::Select], 1);
+        assert_eq!((count(&blocks, Role::Select), count(&blocks, Role::Fit)), (3, 3));
     }
 
     #[test]
@@ -118,8 +178,8 @@ mod tests {
 
     #[test]
     fn three_records_or_more_get_whole_roles() {
-        assert_eq!(roles(2), None);
-        assert_eq!(roles(3), Some(vec![Role::Fit, Role::Select, Role::Report]));
-        assert_eq!(roles(8).map(|r| r.iter().filter(|r| **r == Role::Report).count()), Some(2));
+        assert_eq!(roles(2, 1), None);
+        assert_eq!(roles(3, 1), Some(vec![Role::Fit, Role::Select, Role::Report]));
+        assert_eq!(roles(8, 2).map(|r| r.iter().filter(|r| **r == Role::Report).count()), Some(2));
     }
 }

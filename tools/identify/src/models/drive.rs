@@ -28,11 +28,16 @@ pub(super) static DRIVE: ForceBalanceModel = ForceBalanceModel {
         (Column::Acceleration, &["mass_kg", "inertia_kg_m2"], Positive),
         (
             Column::Velocity,
-            &["viscous_friction_n_s_per_m", "viscous_n_s_per_m", "viscous_nm_s_per_rad"],
+            &[
+                "viscous_friction_n_s_per_m",
+                "viscous_friction_nm_s_per_rad",
+                "viscous_n_s_per_m",
+                "viscous_nm_s_per_rad",
+            ],
             Declared,
         ),
         (Column::Sign, &["coulomb_friction_n", "coulomb_n", "coulomb_nm"], Optional),
-        (Column::One, &["force_offset_n", "offset_n", "offset_nm"], Optional),
+        (Column::One, &["force_offset_n", "torque_offset_nm", "offset_n", "offset_nm"], Optional),
     ],
     scale: (Column::Acceleration, "force and acceleration give a mass"),
     spring: false,

@@ -1,14 +1,14 @@
 //! Models whose measured force is compared with the force that the measured motion needs.
 
 use report::Page;
-use rig::Model as Declared;
+use rig::{ForceSource, Model as Declared};
 
 use super::single_channel_study::{
     DeclaredTerm, axis, check_channels, check_scale, declared_parameters, study,
 };
 use super::{Model, Options};
 use crate::effects::Units;
-use crate::equation_error::model::{Column, RegressionModel};
+use crate::equation_error::model::{Column, Parameter, RegressionModel};
 use crate::equation_error::signals::{CutOff, ForceBalance};
 use crate::error::Result;
 use crate::input::Series;
@@ -18,6 +18,10 @@ use crate::selection::predictor::Predictor;
 /// What to do where a scale is off by orders of magnitude.
 const CHECK_UNITS: &str =
     "check the units: m (or rad), N (or N·m) and s are expected, not mm, degrees, kN or ms";
+
+/// Parameters that scale a motor's voltage, with the column that they make of it and their unit.
+const FORCE_PER_VOLT: [(&str, &str, &str); 2] =
+    [("force_per_volt_n", "force_n", "N/V"), ("torque_per_volt_nm", "torque_nm", "N·m/V")];
 
 /// A kind of model.
 pub(super) struct ForceBalanceModel {
@@ -33,7 +37,7 @@ pub(super) struct ForceBalanceModel {
     pub(super) scale: (Column, &'static str),
     /// Whether a spring holds the position.
     pub(super) spring: bool,
-    /// Whether an amplifier makes the force.
+    /// Whether an amplifier makes the force, where the rig file does not say.
     pub(super) commanded: bool,
 }
 
@@ -58,17 +62,38 @@ impl Model for ForceBalanceModel {
         }
         let units = if channel == "torque_nm" { Units::ROTARY } else { Units::LINEAR };
         let parameters = declared_parameters(rig_file, declared, &units, self.terms)?;
-        let mut axis = axis(&balances, units, self.spring, self.commanded);
-        if self.commanded {
-            axis.turn = declared.parameter("motor_turn_m").map(|p| p.value).or(axis.turn);
-        }
+        notes.extend(other_unit(&parameters, channel));
+        let mut axis = axis(&balances, units, self.spring, self.is_commanded(declared));
+        axis.turn = declared.motor_turn().or(axis.turn);
         let regression = RegressionModel { balances, parameters, axis, sites: self.sites };
         check_scale(&regression, channel, self.scale, CHECK_UNITS)?;
         study(Predictor::EquationError(&regression), records, options, (channel, notes))
     }
 }
 
+/// A note where parameters of a linear axis meet a rotary record, or the other way round.
+fn other_unit(parameters: &[Parameter], channel: &str) -> Option<String> {
+    let rotary = channel == "torque_nm";
+    let other: Vec<String> = parameters
+        .iter()
+        .filter(|parameter| rig::is_rotary(&parameter.name) != rotary)
+        .map(|parameter| format!("{} ({})", parameter.name, parameter.unit))
+        .collect();
+    let declared = if rotary { "linear" } else { "rotary" };
+    (!other.is_empty()).then(|| {
+        format!(
+            "declared for a {declared} axis, taken in the units of {channel}: {}",
+            other.join(", ")
+        )
+    })
+}
+
 impl ForceBalanceModel {
+    /// Whether an amplifier makes the force, as the rig file says or else as usual for the kind.
+    fn is_commanded(&self, declared: &Declared) -> bool {
+        declared.force.map_or(self.commanded, |force| force == ForceSource::Commanded)
+    }
+
     /// Checks one record and prepares its rows; the second value is the force's column.
     fn prepare(
         &self,
@@ -80,13 +105,18 @@ impl ForceBalanceModel {
         let (position_name, position) = series.any(&["position_m", "position_rad"])?;
         let force = series.any(&["force_n", "torque_nm"]);
         let scaled: Vec<f64>;
-        let force_per_volt = declared.parameter("force_per_volt_n").map(|p| p.value);
-        let (force_source, channel, force) = match (force, series.column("motor_v"), force_per_volt)
-        {
-            (Err(_), Some(volts), Some(scale)) if self.commanded => {
+        let motor = FORCE_PER_VOLT.iter().find_map(|(name, channel, unit)| {
+            Some((declared.parameter(name)?.value, *channel, *unit))
+        });
+        let (force_source, channel, force) = match (force, series.column("motor_v"), motor) {
+            (Err(_), Some(volts), Some((scale, channel, unit))) if self.is_commanded(declared) => {
                 scaled = volts.iter().map(|v| v * scale).collect();
-                notes.push(format!("{}: force = {scale} N/V × motor_v, as declared", series.file));
-                ("motor_v", "force_n", scaled.as_slice())
+                let what = if channel == "torque_nm" { "torque" } else { "force" };
+                notes.push(format!(
+                    "{}: {what} = {scale} {unit} × motor_v, as declared",
+                    series.file
+                ));
+                ("motor_v", channel, scaled.as_slice())
             }
             (force, ..) => {
                 let (name, force) = force?;

@@ -13,6 +13,7 @@ mod page;
 mod resemblance;
 mod residual_plots;
 mod rival_model;
+mod role_assignment;
 mod segmentation;
 mod sentences;
 mod simulated_experiment;

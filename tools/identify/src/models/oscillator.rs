@@ -12,7 +12,7 @@
 //! quadratic one.
 
 use report::Page;
-use rig::Model as Declared;
+use rig::{ForceSource, Model as Declared};
 
 use super::single_channel_study::{
     DeclaredTerm, Need, axis, check_channels, check_scale, declared_parameters, study,
@@ -67,7 +67,8 @@ impl Model for Oscillator {
             balances.push(balance);
             records.push(record);
         }
-        let axis = axis(&balances, units, true, true);
+        let commanded = declared.force != Some(ForceSource::Measured);
+        let axis = axis(&balances, units, true, commanded);
         let regression = RegressionModel { balances, parameters, axis, sites: SITES };
         let advice = "check the units: input and output in the same unit (V), t_s in s, and which \
                       of the two is which";

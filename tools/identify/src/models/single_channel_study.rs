@@ -1,14 +1,14 @@
-//! Shared by models with one measured channel: declared terms, checks of the columns, split,
+//! Shared by models with one measured channel: declared terms, checks of the columns,
 //! search.
 
 use report::Page;
 use rig::Model as Declared;
 
 use super::Options;
+use super::role_assignment::assign_roles;
 use super::single_channel_outcome::conclude;
 use super::single_channel_result::Study;
 use crate::effects::{Axis, Units};
-use crate::equation_error::block_roles::{self, Block, Role};
 use crate::equation_error::model::{Column, Parameter, RegressionModel};
 use crate::equation_error::signals::ForceBalance;
 use crate::error::{IdentifyError, Result};
@@ -19,15 +19,6 @@ use crate::regression::{Gram, solve};
 use crate::selection::predictor::Predictor;
 use crate::selection::search::{functions, search};
 
-/// Blocks of one record last at least this long (s), and at least this many periods of the cut-off.
-const BLOCK_S: f64 = 0.4;
-const BLOCK_PERIODS: f64 = 16.0;
-/// A record is cut into about this many blocks.
-const BLOCKS: f64 = 40.0;
-/// Fewest blocks: three that select and three that report.
-const FEWEST_BLOCKS: usize = 12;
-/// Fewest blocks that select.
-const FEWEST_SELECTING: usize = 3;
 /// A parameter that differs from its declared value by this factor indicates a wrong unit.
 const UNIT_FACTOR: f64 = 30.0;
 
@@ -43,7 +34,7 @@ pub(super) fn study(
     (channel, mut notes): (&'static str, Vec<String>),
 ) -> Result<(Outcome, Page)> {
     let regression = predictor.regression();
-    let blocks = blocks(regression, records, options.seed)?;
+    let blocks = assign_roles(regression, records, options.seed, &mut notes)?;
     let functions = functions(&predictor, &blocks);
     let found = search(&predictor, &blocks, &functions, options.deadline).ok_or_else(|| {
         let files: Vec<&str> = records.iter().map(|r| r.file.as_str()).collect();
@@ -80,8 +71,8 @@ pub(super) enum Need {
 /// declared.
 pub(super) type DeclaredTerm = (Column, &'static [&'static str], Need);
 
-/// Reads the declared terms of a model of `file` (its name, for messages); the first name that is
-/// declared counts.
+/// Reads the declared terms of a model of `file` (its name, for messages); the name in the record's
+/// unit counts, else the first that is declared.
 pub(super) fn declared_parameters(
     file: &str,
     model: &Declared,
@@ -90,7 +81,9 @@ pub(super) fn declared_parameters(
 ) -> Result<Vec<Parameter>> {
     let mut parameters = Vec::new();
     for (column, names, need) in terms {
-        let Some(declared) = names.iter().find_map(|name| model.parameter(name)) else {
+        let of_unit = model.parameter(name_in(names, units));
+        let declared = of_unit.or_else(|| names.iter().find_map(|name| model.parameter(name)));
+        let Some(declared) = declared else {
             if *need == Need::Optional {
                 continue;
             }
@@ -98,7 +91,7 @@ pub(super) fn declared_parameters(
             return Err(IdentifyError::Unusable(format!(
                 "{file}: [model.parameters]: expected `{}` for a model of kind `{}`, found {}; add \
                  it with its value and tolerance",
-                names[0],
+                name_in(names, units),
                 model.kind.name(),
                 found.join(", ")
             )));
@@ -106,7 +99,7 @@ pub(super) fn declared_parameters(
         if *need == Need::Positive && declared.value <= 0.0 {
             return Err(IdentifyError::Unusable(format!(
                 "{file}: [model.parameters] {} = {}: expected more than 0",
-                names[0], declared.value
+                declared.name, declared.value
             )));
         }
         parameters.push(Parameter {
@@ -118,6 +111,12 @@ pub(super) fn declared_parameters(
         });
     }
     Ok(parameters)
+}
+
+/// The name of a parameter in these units, for messages.
+fn name_in<'n>(names: &[&'n str], units: &Units) -> &'n str {
+    let rotary = units.position == "rad";
+    names.iter().find(|name| rig::is_rotary(name) == rotary).unwrap_or(&names[0])
 }
 
 /// Checks that channels are finite and vary, and notes clipped ones.
@@ -253,71 +252,4 @@ fn is_excused(regression: &RegressionModel, balance: &ForceBalance, parameter: &
     gram.add(&columns, &balance.force, 0..balance.rows());
     solve(&gram, &vec![(f64::NEG_INFINITY, f64::INFINITY); columns.len()])
         .is_some_and(|fit| fit.coefficients[0] > -LEAST_EXCUSED * parameter.declared)
-}
-
-/// Assigns roles: whole records if there are enough, else blocks of the record.
-fn blocks(regression: &RegressionModel, records: &[Series], seed: u64) -> Result<Vec<Block>> {
-    let blocks = shared_out(regression, records, seed)?;
-    let selecting = || blocks.iter().filter(|block| block.role == Role::Select);
-    match selecting().next() {
-        // One or two blocks give no standard error of a mean, and anything would pass.
-        Some(first) if selecting().count() < FEWEST_SELECTING => {
-            let b = &regression.balances[first.record];
-            Err(IdentifyError::short(
-                &records[first.record].file,
-                format!("{:.2} s to select on", b.rows() as f64 * b.row_step()),
-                format!(
-                    "{FEWEST_SELECTING} stretches of {BLOCK_S} s and of {BLOCK_PERIODS} periods of \
-                     {} Hz",
-                    b.cut_off
-                ),
-            ))
-        }
-        _ => Ok(blocks),
-    }
-}
-
-fn shared_out(regression: &RegressionModel, records: &[Series], seed: u64) -> Result<Vec<Block>> {
-    let length = |b: &ForceBalance| {
-        let seconds = b.rows() as f64 * b.row_step();
-        let least = BLOCK_S.max(BLOCK_PERIODS / b.cut_off);
-        ((seconds / BLOCKS).max(least) / b.row_step()).ceil() as usize
-    };
-    let whole = |i: usize, role| {
-        let b = &regression.balances[i];
-        block_roles::whole_record(i, b.rows(), length(b), role)
-    };
-    let cut = |i: usize| {
-        let b = &regression.balances[i];
-        let guard = (4.0 / b.cut_off / b.row_step()).ceil() as usize;
-        let blocks =
-            block_roles::one_record(i, b.rows(), length(b), guard, seed.wrapping_add(i as u64));
-        if blocks.len() < FEWEST_BLOCKS {
-            Err(records[i].short(records[i].columns[0].1.len()))
-        } else {
-            Ok(blocks)
-        }
-    };
-    let n = regression.balances.len();
-    if records.iter().all(|r| r.role.is_some()) {
-        let roles = records.iter().enumerate().filter_map(|(i, r)| r.role.map(|role| (i, role)));
-        return Ok(roles.flat_map(|(i, role)| whole(i, role)).collect());
-    }
-    match block_roles::roles(n) {
-        Some(roles) => {
-            Ok(roles.into_iter().enumerate().flat_map(|(i, role)| whole(i, role)).collect())
-        }
-        None if n == 2 => {
-            // The second reports as a whole; the first fits and selects.
-            let mut blocks = cut(0)?;
-            for block in &mut blocks {
-                if block.role == Role::Report {
-                    block.role = Role::Select;
-                }
-            }
-            blocks.extend(whole(1, Role::Report));
-            Ok(blocks)
-        }
-        None => cut(0),
-    }
 }

@@ -41,6 +41,8 @@ pub const PACE_S: f64 = 2e-3;
 pub const SETTLING_S: f64 = 0.2;
 /// Shortest record (s).
 const SHORTEST_S: f64 = 2.0;
+/// Largest time between rows (s): 50 Hz, with the tolerance of uniform rows.
+const SLOWEST_S: f64 = 0.02 * 1.02;
 /// Largest rms torque of an idle channel after regression on a constant, time and voltage (N·m).
 const IDLE_NM: f64 = 0.05;
 /// A position with less range did not move (rad).
@@ -220,8 +222,8 @@ fn check_plausible(series: &Series, step_s: f64, notes: &mut Vec<String>) -> Res
     let wrong = |column: &str, found: String, advice: &str| {
         Err(IdentifyError::channel(&series.file, column, found, advice))
     };
-    if step_s > 0.02 {
-        let advice = "record at 100 Hz or more: the line's resonance must be seen";
+    if step_s > SLOWEST_S {
+        let advice = "record at 50 Hz or more, better at 100: the line's resonance must be seen";
         return wrong("t_s", format!("a row every {step_s:.4} s"), advice);
     }
     if let Some(Uninformative { column, found, advice }) = uninformative(series) {

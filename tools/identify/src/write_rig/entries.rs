@@ -57,7 +57,7 @@ pub(super) fn entries<'o>(outcome: &'o Outcome, declared: &Declared) -> Entries<
     if declared.kind.is_transmission() {
         return Entries { effects: outcome.effects.clone(), ..Entries::default() };
     }
-    let turn = declared.parameter("motor_turn_m").map(|parameter| parameter.value);
+    let turn = declared.motor_turn();
     let fit = Fit { parameters: &outcome.parameters, turn };
     let mut entries = Entries::default();
     for effect in &outcome.effects {

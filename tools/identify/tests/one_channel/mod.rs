@@ -38,7 +38,7 @@ pub(crate) fn parameter(
 }
 
 pub(crate) fn rig(kind: rig::ModelKind, parameters: Vec<rig::Parameter>) -> rig::Model {
-    rig::Model { kind, parameters, effects: Vec::new(), handle_coupling: Vec::new() }
+    rig::Model { kind, force: None, parameters, effects: Vec::new(), handle_coupling: Vec::new() }
 }
 
 pub(crate) fn run(model: &rig::Model, records: &[Series]) -> Result<Outcome, IdentifyError> {
