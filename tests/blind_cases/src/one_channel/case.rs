@@ -217,6 +217,11 @@ impl Bench {
         let single = demands.single || draw.below(5) == 0;
         let count = if single { 1 } else { 3 + draw.below(4) };
         let wanted = if single { draw.uniform(30.0, 60.0) } else { draw.log_uniform(5.0, 15.0) };
+        // An oscillator needs so many swings for each role of its rows.
+        let wanted = match kind {
+            Kind::Oscillator => wanted.max(100.0 / machine.natural_hz()),
+            _ => wanted,
+        };
         let most = MOST_ROWS / machine.row_hz / count as f64;
         // Whole tenths of a second, so that records have whole rows.
         let seconds = (10.0 * wanted.min(most)).floor() / 10.0;
@@ -422,5 +427,44 @@ impl Case {
             files.push(path);
         }
         Ok(files)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_case_follows_from_its_seed() {
+        for (set, index) in [(Set::OneChannelListed, 0), (Set::OneChannelPairs, 2)] {
+            let (one, other) =
+                (make(set, index, 5, &[]).unwrap(), make(set, index, 5, &[]).unwrap());
+            assert_eq!(one.truth, other.truth);
+            assert_eq!((one.rig, one.records), (other.rig, other.records));
+            assert_ne!(one.truth.machine, make(set, index, 6, &[]).unwrap().truth.machine);
+        }
+    }
+
+    #[test]
+    fn an_effect_explains_its_share_of_the_force() {
+        let named = |name: &str| vec![name.to_owned()];
+        for name in ["coulomb_friction@drive", "quadratic_drag@element", "backlash@oscillator"] {
+            let case = make(Set::OneChannelListed, 1, 7, &named(name)).unwrap();
+            let seen = case.truth.visibility[0];
+            assert!(seen.seen() && seen.share() < 0.6, "{name}: {seen:?}");
+        }
+        assert!(make(Set::OneChannelListed, 1, 7, &named("backlash@drive")).is_err());
+    }
+
+    #[test]
+    fn files_are_those_that_identify_reads() {
+        let folder = tempfile::tempdir().unwrap();
+        let case = make(Set::OneChannelClean, 0, 3, &[]).unwrap();
+        case.write(folder.path()).unwrap();
+        let text = fs::read_to_string(folder.path().join("truth.json")).unwrap();
+        assert_eq!(serde_json::from_str::<Truth>(&text).unwrap(), case.truth);
+        let first = fs::read_to_string(folder.path().join("record-01.csv")).unwrap();
+        assert_eq!(first.lines().next(), Some(case.records[0].header));
+        assert_eq!(first.lines().count(), case.records[0].force.len() + 1);
     }
 }

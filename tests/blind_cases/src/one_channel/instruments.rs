@@ -20,7 +20,7 @@ pub enum Noise {
     White,
     /// White, one row in twenty five times as large.
     HeavyTailed,
-    /// White, with a slow random walk of three times its size.
+    /// White, with a slow random walk of about its size at the end.
     Wandering,
     /// A square wave near half the rate of the rows, as a pulse-width modulation leaves.
     Switched,
@@ -34,7 +34,7 @@ impl Noise {
     pub fn values(self, size: f64, rows: usize, draw: &mut Draw) -> Vec<f64> {
         let (rate, phase) = (TAU * draw.uniform(0.31, 0.49), draw.phase());
         let mut walk = 0.0;
-        let step = 3.0 / (rows.max(1) as f64).sqrt();
+        let step = 1.0 / (rows.max(1) as f64).sqrt();
         (0..rows)
             .map(|row| {
                 let white = size * draw.normal();

@@ -18,6 +18,8 @@ const LONG: Demands = Demands { single: true, ..ANY };
 
 const SLIDING: &[(Kind, Site)] =
     &[(Drive, Site::Master), (Oscillator, Site::Slave), (Element, Site::Slave)];
+/// Where Coulomb friction can be declared, which these effects change.
+const DRY_SLIDING: &[(Kind, Site)] = &[(Oscillator, Site::Slave), (Element, Site::Slave)];
 const DRIVING: &[(Kind, Site)] = &[(Drive, Site::Drive), (Oscillator, Site::Drive)];
 const SPRING: &[(Kind, Site)] = &[(Oscillator, Site::Line), (Element, Site::Line)];
 
@@ -95,7 +97,7 @@ pub const ENTRIES: &[Entry] = &[
             let (level, speed) = (values.get("stribeck"), values.get("speed"));
             Law::acts(move |now| Acts::dry(level * (-(now.velocity / speed).powi(2)).exp()))
         },
-        ..entry("stribeck_friction", SLIDING, DRY)
+        ..entry("stribeck_friction", DRY_SLIDING, DRY)
     },
     Entry {
         draw: |_, s| Some(Values::of([("viscous_beyond_declared", 0.6 * s.machine.viscous, "")])),
@@ -135,7 +137,7 @@ pub const ENTRIES: &[Entry] = &[
             let [size, order, phase] = ["amplitude", "order", "phase"].map(|name| values.get(name));
             Law::acts(move |now| Acts::dry(size * (order * now.position + phase).sin()))
         },
-        ..entry("position_dependent_friction", SLIDING, DRY)
+        ..entry("position_dependent_friction", DRY_SLIDING, DRY)
     },
     Entry {
         depends_on: &[Variable::Load],
@@ -168,7 +170,7 @@ pub const ENTRIES: &[Entry] = &[
                 Acts { force: cold * slope * now.velocity, ..dry }
             })
         },
-        ..entry("thermal_drift", SLIDING, Demands { single: true, ..DRY })
+        ..entry("thermal_drift", DRY_SLIDING, Demands { single: true, ..DRY })
     },
     Entry {
         depends_on: &[Variable::Position],

@@ -110,11 +110,12 @@ impl Machine {
             Kind::Element => element(rotary, draw),
         };
         let dry = draw.uniform(0.15, 0.5);
-        let dry_here = demands.coulomb || (!demands.no_coulomb && draw.below(2) == 0);
+        // The rig file of a drive cannot declare Coulomb friction.
+        let dry_here =
+            kind != Kind::Drive && (demands.coulomb || (!demands.no_coulomb && draw.below(2) == 0));
         let scale = machine.force_scale();
         if dry_here {
-            let part = if kind == Kind::Drive { dry } else { 0.4 * dry };
-            machine.coulomb = part * scale;
+            machine.coulomb = 0.4 * dry * scale;
         }
         machine.offset = draw.sign() * draw.uniform(0.0, 0.25) * scale;
         let speed = TAU * machine.top_hz * machine.amplitude;
@@ -163,16 +164,8 @@ impl Machine {
             (Kind::Oscillator, _) => {
                 ["mass_s2", "damping_s", "stiffness", "coulomb_friction_v", "input_offset_v"]
             }
-            (Kind::Drive, false) => [
-                "mass_kg",
-                "viscous_friction_n_s_per_m",
-                "",
-                "coulomb_friction_n",
-                "force_offset_n",
-            ],
-            (Kind::Drive, true) => {
-                ["inertia_kg_m2", "viscous_nm_s_per_rad", "", "coulomb_nm", "offset_nm"]
-            }
+            // A rotary drive has the same names; its columns tell.
+            (Kind::Drive, _) => ["mass_kg", "viscous_friction_n_s_per_m", "", "", "force_offset_n"],
             (Kind::Element, false) => [
                 "",
                 "viscous_damping_n_s_per_m",
@@ -225,6 +218,9 @@ impl Machine {
              [model]\nkind = \"{}\"\n\n[model.parameters]\n",
             self.kind.name()
         );
+        if self.kind == Kind::Drive {
+            text += "force_per_volt_n = { value = 1.0, tolerance = 0.0, source = \"assumed\" }\n";
+        }
         for Declared { name, value, spread } in declared {
             // Writing to a string cannot fail.
             let _ = writeln!(
@@ -279,7 +275,7 @@ fn drive(rotary: bool, draw: &mut Draw) -> Machine {
 
 /// Levers on springs, resonators, electronic analogues.
 fn oscillator(draw: &mut Draw) -> Machine {
-    let natural = TAU * draw.log_uniform(1.5, 25.0);
+    let natural = TAU * draw.log_uniform(4.0, 25.0);
     let stiffness = draw.log_uniform(0.3, 10.0);
     let mass = stiffness / (natural * natural);
     let ratio = draw.log_uniform(0.05, 0.4);
