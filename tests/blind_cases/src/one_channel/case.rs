@@ -8,7 +8,8 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::Kind;
-use super::effect::{Entry, Law, Setting, find, of_kind};
+use super::catalogue::{find, of_kind};
+use super::effect::{Entry, Law, Setting};
 use super::instruments::{Noise, Record};
 use super::machine::{Declared, Demands, Machine};
 use super::movement::{Movement, Shape};

@@ -3,10 +3,11 @@
 //! Each case is a machine with constants of its own ([`machine`]), a rig file that declares them
 //! with tolerances that contain the truth, records as laboratories make them ([`movement`],
 //! [`instruments`]), and listed or unlisted effects ([`listed`], [`unlisted`]). The simulator
-//! ([`simulator`]) steps at 50 µs or less, friction is solved implicitly, and it shares no code with
-//! the model under test. Sizes are drawn such that the effect can be seen ([`visibility`]).
+//! ([`simulator`]) steps at 50 µs or less, friction is solved implicitly, and it shares no code
+//! with the model under test. Sizes are drawn such that the effect can be seen ([`visibility`]).
 
 pub mod case;
+pub mod catalogue;
 pub mod effect;
 pub mod instruments;
 pub mod listed;

@@ -1,7 +1,7 @@
 //! The simulator of machines with one channel.
 //!
-//! Drives and oscillators move by the midpoint form of Störmer-Verlet steps of 50 µs or less: half a
-//! step of position, a step of velocity with viscous friction implicit, half a step of position.
+//! Drives and oscillators move by the midpoint form of Störmer-Verlet steps of 50 µs or less: half
+//! a step of position, a step of velocity with viscous friction implicit, half a step of position.
 //! Dry friction is implicit too: where the force needed to stop is within its level, the machine
 //! stops (Moreau's time stepping), or, for a smooth transition, the velocity solves a monotone
 //! equation. A testing machine follows its reference through a filter of second order.
