@@ -41,11 +41,39 @@ pub enum Set {
     Unlisted,
     /// Two listed effects at different sites.
     Pairs,
+    /// A machine with one channel and a listed effect ([`crate::one_channel`]).
+    OneChannelListed,
+    /// One without an effect.
+    OneChannelClean,
+    /// One with an unlisted effect.
+    OneChannelUnlisted,
+    /// One with two listed effects.
+    OneChannelPairs,
 }
 
 impl Set {
     /// All sets.
-    pub const ALL: [Self; 4] = [Self::Listed, Self::Clean, Self::Unlisted, Self::Pairs];
+    pub const ALL: [Self; 8] = [
+        Self::Listed,
+        Self::Clean,
+        Self::Unlisted,
+        Self::Pairs,
+        Self::OneChannelListed,
+        Self::OneChannelClean,
+        Self::OneChannelUnlisted,
+        Self::OneChannelPairs,
+    ];
+
+    /// Whether its machines have one channel.
+    pub fn one_channel(self) -> bool {
+        matches!(
+            self,
+            Self::OneChannelListed
+                | Self::OneChannelClean
+                | Self::OneChannelUnlisted
+                | Self::OneChannelPairs
+        )
+    }
 
     /// Its name in folders and tables.
     pub fn name(self) -> &'static str {
@@ -54,6 +82,10 @@ impl Set {
             Self::Clean => "clean",
             Self::Unlisted => "unlisted",
             Self::Pairs => "pairs",
+            Self::OneChannelListed => "one-channel-listed",
+            Self::OneChannelClean => "one-channel-clean",
+            Self::OneChannelUnlisted => "one-channel-unlisted",
+            Self::OneChannelPairs => "one-channel-pairs",
         }
     }
 }
@@ -198,6 +230,11 @@ fn choose(
             let others = effects::beside(first);
             vec![first, others[draw.below(others.len())]]
         }
+        // Made by `one_channel::case`.
+        Set::OneChannelListed
+        | Set::OneChannelClean
+        | Set::OneChannelUnlisted
+        | Set::OneChannelPairs => Vec::new(),
     })
 }
 

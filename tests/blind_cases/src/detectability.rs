@@ -240,7 +240,7 @@ fn judge(all: &[Vec<Left>], machine: &MachineParameters) -> Detectability {
 
 /// The change within bounds that minimises `|rest + jacobian change|`: coordinate descent on the
 /// normal equations.
-fn bounded_least_squares(
+pub(crate) fn bounded_least_squares(
     jacobian: &DMatrix<f64>,
     rest: &DVector<f64>,
     bounds: &[[f64; 2]],

@@ -28,6 +28,7 @@ pub mod effective_size;
 pub mod effects;
 pub mod fingerprint;
 pub mod machine_parameters;
+pub mod one_channel;
 pub mod random;
 pub mod record;
 pub mod reference;

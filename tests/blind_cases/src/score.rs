@@ -8,12 +8,13 @@ use crate::case::{Set, Truth};
 use crate::effective_size;
 use crate::effects::{Effect, Variable};
 use crate::machine_parameters::MachineParameters;
+use crate::one_channel;
 
 /// The part of `identify --json` that is scored. Any field may be missing.
 #[derive(Clone, Debug, Default, Deserialize)]
 #[serde(default)]
 pub struct Answer {
-    /// `effect`, `none`, `ambiguous` or `unlisted`.
+    /// `effect`, `none`, `ambiguous`, `unlisted` or `inadequate`.
     pub verdict: String,
     /// Effects in the order in which they were added.
     pub effects: Vec<Named>,
@@ -147,7 +148,7 @@ pub struct Score {
     pub naming: Option<Naming>,
     /// Whether any effect was reported, listed or not.
     pub alarm: bool,
-    /// Reported as unlisted: verdict `unlisted`, or a residual remains.
+    /// Reported as unlisted: verdict `unlisted` or `inadequate`, or a residual remains.
     pub flagged: bool,
     /// Whether the site of `unlisted` is right.
     pub site_right: Option<bool>,
@@ -190,15 +191,84 @@ pub struct Run {
     pub seconds: f64,
 }
 
-/// Scores an answer.
+/// What the scoring needs of the truth about a case.
+#[derive(Clone, Copy, Debug)]
+pub struct Facts<'a> {
+    /// Set.
+    pub set: Set,
+    /// Index within the set.
+    pub index: usize,
+    /// Effects.
+    pub effects: &'a [Effect],
+    /// Whether each of them is detectable.
+    pub detectable: bool,
+    /// Smallest gain over the effects.
+    pub gain: f64,
+    /// Constants of a transmission, by which sizes are compared.
+    pub machine: Option<&'a BTreeMap<String, f64>>,
+    /// Number of records.
+    pub records: usize,
+}
+
+/// Scores an answer about a transmission.
 pub fn score(truth: &Truth, answer: Option<&Answer>, run: &Run) -> Score {
+    let gains = truth.detectability.iter().map(|seen| seen.gain);
+    let facts = Facts {
+        set: truth.set,
+        index: truth.index,
+        effects: &truth.effects,
+        detectable: truth.detectability.iter().all(|seen| seen.detectable()),
+        gain: gains.fold(f64::INFINITY, f64::min).min(1e9),
+        machine: Some(&truth.machine),
+        records: truth.records.len(),
+    };
+    judge(&facts, answer, run)
+}
+
+/// Ids of one column in a model with one channel.
+const EQUAL: [[&str; 2]; 1] = [["line_damping", "viscous_friction"]];
+
+/// Scores an answer about a machine with one channel. One channel does not tell at which of its
+/// sites an effect acts, and so the site of the truth stands for all.
+pub fn score_one_channel(
+    truth: &one_channel::case::Truth,
+    answer: Option<&Answer>,
+    run: &Run,
+) -> Score {
+    let gains = truth.visibility.iter().map(one_channel::visibility::Visibility::gain);
+    let facts = Facts {
+        set: truth.set,
+        index: truth.index,
+        effects: &truth.effects,
+        detectable: truth.visibility.iter().all(one_channel::visibility::Visibility::seen),
+        gain: gains.fold(f64::INFINITY, f64::min).min(1e9),
+        machine: None,
+        records: truth.records.len(),
+    };
+    let equal = |one: &str, other: &str| {
+        one == other || EQUAL.iter().any(|pair| pair.contains(&one) && pair.contains(&other))
+    };
+    let told = answer.map(|answer| {
+        let mut told = answer.clone();
+        for named in told.effects.iter_mut().chain(&mut told.ambiguous_with) {
+            if let Some(meant) = truth.effects.iter().find(|own| equal(&own.id, &named.id)) {
+                named.id.clone_from(&meant.id);
+                meant.site.name().clone_into(&mut named.site);
+            }
+        }
+        told
+    });
+    judge(&facts, told.as_ref(), run)
+}
+
+fn judge(truth: &Facts<'_>, answer: Option<&Answer>, run: &Run) -> Score {
     let nothing = Answer::default();
     let said = answer.unwrap_or(&nothing);
     let name = |named: &Named| format!("{}@{}", named.id, named.site);
     let names: Vec<String> = said.effects.iter().map(name).collect();
     let rivals: Vec<String> = said.ambiguous_with.iter().map(name).collect();
     let true_names: Vec<String> = truth.effects.iter().map(Effect::name).collect();
-    let flagged = answer.is_some() && (said.verdict == "unlisted" || said.remains);
+    let flagged = answer.is_some() && said.unexplained();
     let two = truth.effects.len() == 2;
     let hits = truth
         .effects
@@ -212,19 +282,14 @@ pub fn score(truth: &Truth, answer: Option<&Answer>, run: &Run) -> Score {
         .iter()
         .filter_map(|effect| {
             let found = said.effects.iter().find(|named| named.is(effect))?;
-            size_error(truth, effect, found, said)
+            size_error(truth.machine?, effect, found, said)
         })
         .collect();
     Score {
         set: truth.set,
         index: truth.index,
-        detectable: truth.detectability.iter().all(|seen| seen.detectable()),
-        gain: truth
-            .detectability
-            .iter()
-            .map(|seen| seen.gain)
-            .fold(f64::INFINITY, f64::min)
-            .min(1e9),
+        detectable: truth.detectable,
+        gain: truth.gain,
         end: run.end,
         code: run.code,
         message: run.message.clone(),
@@ -250,7 +315,7 @@ pub fn score(truth: &Truth, answer: Option<&Answer>, run: &Run) -> Score {
         size_errors: sizes.iter().map(|size| size.0).collect(),
         raw_size_errors: sizes.iter().map(|size| size.1).collect(),
         seconds: run.seconds,
-        records: truth.records.len(),
+        records: truth.records,
         truth: true_names,
         named: names,
         ambiguous_with: rivals,
@@ -289,6 +354,11 @@ fn truth_place(truth: &Effect) -> Option<bool> {
 }
 
 impl Answer {
+    /// Whether it says that something is left that has no name.
+    fn unexplained(&self) -> bool {
+        self.remains || matches!(self.verdict.as_str(), "unlisted" | "inadequate")
+    }
+
     /// Whether the truth is among at most two rivals. A rival without a place stands for all
     /// places.
     fn says_rival(&self, truth: &Effect) -> bool {
@@ -311,11 +381,7 @@ impl Answer {
 fn naming(truth: &Effect, answer: Option<&Answer>) -> Naming {
     let Some(answer) = answer else { return Naming::NoAnswer };
     let Some(first) = answer.effects.first() else {
-        return if answer.verdict == "unlisted" || answer.remains {
-            Naming::Unlisted
-        } else {
-            Naming::Missed
-        };
+        return if answer.unexplained() { Naming::Unlisted } else { Naming::Missed };
     };
     if answer.verdict == "ambiguous" && (first.is(truth) || answer.says_rival(truth)) {
         Naming::Ambiguous
@@ -371,7 +437,7 @@ fn drop(answer: &Answer, from: impl Fn(&Errors) -> Option<f64>) -> Option<f64> {
 
 /// Relative errors of the effective size and of the first parameter.
 fn size_error(
-    truth: &Truth,
+    machine: &BTreeMap<String, f64>,
     effect: &Effect,
     found: &Named,
     answer: &Answer,
@@ -387,7 +453,7 @@ fn size_error(
         }
     }
     let mut real = MachineParameters::declared();
-    for (name, value) in &truth.machine {
+    for (name, value) in machine {
         if let Some(place) = real.named_mut(name) {
             *place = *value;
         }

@@ -124,7 +124,7 @@ pub fn table(scores: &[Score]) -> Table {
         }
         let mut shares =
             vec![("a verdict at all", "", Share::of(&cases, |score| score.end == End::Done))];
-        if set != Set::Clean {
+        if !matches!(set, Set::Clean | Set::OneChannelClean) {
             let share = Share::of(&cases, |score| score.detectable);
             shares.push(("detectable (all rows below are of these)", "", share));
         }
@@ -137,7 +137,10 @@ pub fn table(scores: &[Score]) -> Table {
             Set::Listed => listed_shares(&seen, &answered),
             Set::Clean => clean_shares(&answered),
             Set::Unlisted => unlisted_shares(&seen, &answered),
-            Set::Pairs => pair_shares(&seen, &answered),
+            Set::Pairs | Set::OneChannelPairs => pair_shares(&seen, &answered),
+            Set::OneChannelListed => one_channel_shares(&seen, &answered),
+            Set::OneChannelClean => one_channel_clean_shares(&answered),
+            Set::OneChannelUnlisted => unlisted_shares(&seen, &answered),
         });
         rows.extend(shares.into_iter().map(|(what, bar, share)| {
             let (what, found) = (what.to_owned(), share.to_string());
@@ -202,6 +205,31 @@ fn pair_shares(seen: &[&Score], answered: &[&Score]) -> Vec<ShareRow> {
     vec![
         ("both named", ">= 80 %", Share::of(seen, |score| score.both == Some(true))),
         ("a false third (of those answered)", "<= 5 %", third),
+    ]
+}
+
+fn one_channel_shares(seen: &[&Score], answered: &[&Score]) -> Vec<ShareRow> {
+    let naming = |naming: Naming| Share::of(seen, |score| score.naming == Some(naming));
+    let wrong = Share::of(answered, |score| {
+        matches!(score.naming, Some(Naming::Wrong | Naming::WrongSite))
+    });
+    let right =
+        Share::of(seen, |score| matches!(score.naming, Some(Naming::Right | Naming::Ambiguous)));
+    vec![
+        ("right or ambiguous with the truth", ">= 90 %", right),
+        ("... of them ambiguous", "", naming(Naming::Ambiguous)),
+        ("wrong name first (of those answered)", "<= 2 %", wrong),
+        ("said to have no name, or inadequate", "", naming(Naming::Unlisted)),
+        ("missed", "", naming(Naming::Missed)),
+        ("no answer", "0", naming(Naming::NoAnswer)),
+        ("named more than the one effect", "", Share::of(seen, |score| score.named.len() > 1)),
+    ]
+}
+
+fn one_channel_clean_shares(answered: &[&Score]) -> Vec<ShareRow> {
+    vec![
+        ("false alarms (of those answered)", "0", Share::of(answered, |score| score.alarm)),
+        ("... that named an effect", "0", Share::of(answered, |score| !score.named.is_empty())),
     ]
 }
 
@@ -350,7 +378,7 @@ impl fmt::Display for Table {
         for row in &self.rows {
             let shown = if row.set == set { "" } else { row.set };
             set = row.set;
-            writeln!(f, "{shown:9} {:widest$}  {:14} {}", row.what, row.bar, row.found)?;
+            writeln!(f, "{shown:20} {:widest$}  {:14} {}", row.what, row.bar, row.found)?;
         }
         writeln!(f)?;
         for (name, row) in &self.by_effect {

@@ -4,7 +4,8 @@
 use blind_cases::case::{Set, Truth, unjudged};
 use blind_cases::detectability::Detectability;
 use blind_cases::effects::{Kinds, Variable, listed, unlisted};
-use blind_cases::score::{Answer, End, Naming, Run, Score, score, variable};
+use blind_cases::one_channel;
+use blind_cases::score::{Answer, End, Naming, Run, Score, score, score_one_channel, variable};
 use blind_cases::table::{Table, table as table_of};
 use serde_json::{Value, json};
 
@@ -329,4 +330,23 @@ fn bars_are_over_all_detectable_cases() {
 fn a_campaign_covers_all_effects_and_sites() {
     let ids: std::collections::BTreeSet<&str> = listed().iter().map(|entry| entry.id).collect();
     assert!(ids.len() >= 20 && unlisted(Kinds::New).len() >= 8);
+}
+
+/// A model with one channel does not tell its sites apart, and damping at either is one column.
+#[test]
+fn one_channel_is_scored_by_the_effect() {
+    let names = ["line_damping@oscillator".to_owned()];
+    let truth = one_channel::case::make(Set::OneChannelListed, 1, 5, &names).unwrap().truth;
+    let run = Run { end: End::Done, code: Some(0), message: String::new(), seconds: 1.0 };
+    let judged = |answer: Value| {
+        score_one_channel(&truth, Some(&serde_json::from_value(answer).unwrap()), &run)
+    };
+    let naming = |answer: Value| judged(answer).naming.unwrap();
+    let effect = |named: Value| json!({ "verdict": "effect", "effects": [named] });
+    assert_eq!(naming(effect(named("line_damping", "line"))), Naming::Right);
+    assert_eq!(naming(effect(named("viscous_friction", "slave"))), Naming::Right);
+    assert_eq!(naming(effect(named("quadratic_drag", "slave"))), Naming::Wrong);
+    let inadequate = judged(json!({ "verdict": "inadequate" }));
+    assert_eq!((inadequate.naming, inadequate.flagged), (Some(Naming::Unlisted), true));
+    assert!(inadequate.alarm && inadequate.size_errors.is_empty());
 }

@@ -22,9 +22,11 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, bail};
 use blind_cases::case::{Set, make};
+use blind_cases::case_plan::CaseError;
 use blind_cases::effects::Kinds;
+use blind_cases::one_channel;
 use blind_cases::results::{Configuration, Line, Results, name, read};
-use blind_cases::score::{Answer, End, Run, Score, score};
+use blind_cases::score::{Answer, End, Run, Score, score, score_one_channel};
 use blind_cases::table::table;
 use clap::Parser;
 
@@ -49,6 +51,18 @@ struct Args {
     /// Cases with two listed effects
     #[arg(long, default_value_t = 60)]
     pairs: usize,
+    /// Machines with one channel (drives, oscillators, elements) with one listed effect
+    #[arg(long, default_value_t = 0)]
+    one_channel_listed: usize,
+    /// Those with nothing missing
+    #[arg(long, default_value_t = 0)]
+    one_channel_clean: usize,
+    /// Those with an effect that is on no list
+    #[arg(long, default_value_t = 0)]
+    one_channel_unlisted: usize,
+    /// Those with two listed effects
+    #[arg(long, default_value_t = 0)]
+    one_channel_pairs: usize,
     /// Which of the effects on no list: those of earlier campaigns, the hold-out, or first the ones
     /// and then the others
     #[arg(long, value_enum, default_value = "all")]
@@ -181,6 +195,10 @@ fn plan(args: &Args) -> Vec<(Set, usize)> {
         (Set::Clean, args.clean),
         (Set::Unlisted, args.unlisted),
         (Set::Pairs, args.pairs),
+        (Set::OneChannelListed, args.one_channel_listed),
+        (Set::OneChannelClean, args.one_channel_clean),
+        (Set::OneChannelUnlisted, args.one_channel_unlisted),
+        (Set::OneChannelPairs, args.one_channel_pairs),
     ];
     let mut cases: Vec<(f64, Set, usize)> = counts
         .into_iter()
@@ -250,16 +268,43 @@ fn run_all(
 
 /// Generates, runs and scores one case; `None` if it was interrupted.
 fn one(args: &Args, set: Set, index: usize, stop: &AtomicBool) -> anyhow::Result<Option<Score>> {
-    let case = make(set, index, args.seed, args.unlisted_kinds, &[])?;
     // Identify gets a folder with a neutral name that holds the records only.
     let folder = tempfile::tempdir()?;
-    let records = case.write_records(&folder.path().join("records"))?;
-    let json = folder.path().join("identify.json");
-    let said = folder.path().join("identify.txt");
-    let Some(run) = identify(args, &records, &json, &said, stop)? else { return Ok(None) };
+    let records = folder.path().join("records");
+    if set.one_channel() {
+        let case = one_channel::case::make(set, index, args.seed, &[])?;
+        let files = case.write_records(&records)?;
+        let keep = |to: &Path| case.write(to);
+        let asked = (folder.path(), &*files[0], &files[1..]);
+        let Some((run, answer)) = asked_of(args, (set, index), asked, stop, keep)? else {
+            return Ok(None);
+        };
+        return Ok(Some(score_one_channel(&case.truth, answer.as_ref(), &run)));
+    }
+    let case = make(set, index, args.seed, args.unlisted_kinds, &[])?;
+    let files = case.write_records(&records)?;
+    let keep = |to: &Path| case.write(to);
+    let asked = (folder.path(), &*args.rig, &files[..]);
+    let Some((run, answer)) = asked_of(args, (set, index), asked, stop, keep)? else {
+        return Ok(None);
+    };
+    Ok(Some(score(&case.truth, answer.as_ref(), &run)))
+}
+
+/// What identify says of the records in a folder, with a rig file, and how it ended.
+fn asked_of(
+    args: &Args,
+    (set, index): (Set, usize),
+    (folder, rig, records): (&Path, &Path, &[PathBuf]),
+    stop: &AtomicBool,
+    write: impl Fn(&Path) -> Result<(), CaseError>,
+) -> anyhow::Result<Option<(Run, Option<Answer>)>> {
+    let json = folder.join("identify.json");
+    let said = folder.join("identify.txt");
+    let Some(run) = identify(args, (rig, records), &json, &said, stop)? else { return Ok(None) };
     if let Some(keep) = &args.keep {
         let folder = keep.join(name(set, index));
-        case.write(&folder)?;
+        write(&folder)?;
         for file in [&json, &said] {
             if let (true, Some(name)) = (file.exists(), file.file_name()) {
                 fs::copy(file, folder.join(name))?;
@@ -272,7 +317,7 @@ fn one(args: &Args, set: Set, index: usize, stop: &AtomicBool) -> anyhow::Result
     } else {
         run
     };
-    Ok(Some(score(&case.truth, answer.as_ref(), &run)))
+    Ok(Some((run, answer)))
 }
 
 fn read_answer(json: &Path) -> Option<Answer> {
@@ -282,7 +327,7 @@ fn read_answer(json: &Path) -> Option<Answer> {
 /// Runs identify on a case.
 fn identify(
     args: &Args,
-    records: &[PathBuf],
+    (rig, records): (&Path, &[PathBuf]),
     json: &Path,
     said: &Path,
     stop: &AtomicBool,
@@ -291,7 +336,7 @@ fn identify(
     let mut child = Command::new(&args.farreach)
         .arg("identify")
         .arg("--rig")
-        .arg(&args.rig)
+        .arg(rig)
         .arg("--json")
         .arg(json)
         .arg("--jobs")

@@ -10,6 +10,7 @@ use std::time::Instant;
 
 use blind_cases::case::{Set, make};
 use blind_cases::effects::{self, Kinds};
+use blind_cases::one_channel;
 use blind_cases::results::name;
 use clap::Parser;
 
@@ -60,6 +61,18 @@ fn main() -> anyhow::Result<()> {
     let Some(out) = args.out else { return Ok(()) };
     for index in args.from..args.from + args.cases {
         let started = Instant::now();
+        if args.set.one_channel() {
+            let case = one_channel::case::make(args.set, index, args.seed, &args.effect)?;
+            let folder = out.join(name(args.set, index));
+            case.write(&folder)?;
+            println!(
+                "{} in {:.1} s: {}",
+                folder.display(),
+                started.elapsed().as_secs_f64(),
+                described(&case.truth)
+            );
+            continue;
+        }
         let case = make(args.set, index, args.seed, args.unlisted_kinds, &args.effect)?;
         let folder = out.join(name(args.set, index));
         case.write(&folder)?;
@@ -95,4 +108,27 @@ fn main() -> anyhow::Result<()> {
         );
     }
     Ok(())
+}
+
+/// Kind, rate, records and effects of a case of one channel.
+fn described(truth: &one_channel::case::Truth) -> String {
+    let machine = &truth.machine;
+    let mut text = format!(
+        "{} at {} Hz, {} records of {:.1} s",
+        machine.kind.name(),
+        machine.row_hz,
+        truth.records.len(),
+        truth.records[0].0
+    );
+    for (effect, seen) in truth.effects.iter().zip(&truth.visibility) {
+        let size = effect.parameters.0.first().map_or(0.0, |value| value.value);
+        text += &format!(
+            "; {} {size:.3e}: {:.1} % of the force, {:.1} % floor, gain {:.0} %",
+            effect.name(),
+            100.0 * seen.share(),
+            100.0 * seen.floor / seen.force,
+            100.0 * seen.gain()
+        );
+    }
+    text
 }

@@ -92,7 +92,7 @@ pub struct Value {
 pub struct Values(pub Vec<Value>);
 
 impl Values {
-    fn of<const N: usize>(values: [(&str, f64, &str); N]) -> Self {
+    pub(crate) fn of<const N: usize>(values: [(&str, f64, &str); N]) -> Self {
         Self(
             values
                 .map(|(name, value, unit)| Value {
