@@ -26,7 +26,7 @@ const DRIVE: &[ParameterInfo] = &[
     info(FORCE_PER_VOLT[0], "N/V", (1e-6, 1e6), (35.15065, EMPS)),
     info(FORCE_PER_VOLT[1], "N m/V", (1e-9, 1e6), (1.0, "assumed")),
     info(MOTOR_TURN[0], "m", (1e-6, 1e3), (2.5e-3, EMPS)),
-    info(MOTOR_TURN[1], "rad", (1e-6, 1e3), (6.283, "a motor without a gear")),
+    info(MOTOR_TURN[1], "rad", (1e-6, 1e3), (std::f64::consts::TAU, "a motor without a gear")),
     info("inertia_kg_m2", "kg m^2", (1e-12, 1e6), (1e-3, "assumed")),
     info("viscous_friction_nm_s_per_rad", "N m s/rad", (0.0, 1e6), (0.0, "none")),
     info("torque_offset_nm", "N m", (-1e6, 1e6), (0.0, "none")),
