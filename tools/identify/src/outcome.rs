@@ -106,7 +106,7 @@ pub struct Outcome {
     pub unlisted: Option<UnlistedTable>,
     /// What these records do not settle, where the verdict is `inadequate` for that reason alone.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub undecided: Option<Undecided>,
+    pub unsettled: Option<Unsettled>,
     /// Result of the parametric bootstrap, if `--calibrate` was given.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub calibration: Option<Calibration>,
@@ -177,7 +177,7 @@ pub struct EffectParameter {
 /// An effect, or a function of a variable, that takes a good part of the error on most blocks and is
 /// not significant.
 #[derive(Clone, Debug, Serialize)]
-pub struct Undecided {
+pub struct Unsettled {
     /// Id of the effect, or the variable.
     pub id: String,
     /// Fall of the root-mean-square residual on the selection rows (%).

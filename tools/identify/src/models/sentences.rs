@@ -6,7 +6,7 @@ use report::Tone;
 use super::bootstrap;
 use super::effect_descriptions::{OTHER_ENCODER, words};
 use crate::effects::find;
-use crate::outcome::{AtBounds, Named, Outcome, Undecided, UnlistedTable, Verdict};
+use crate::outcome::{AtBounds, Named, Outcome, UnlistedTable, Unsettled, Verdict};
 use crate::outcome_tables::short;
 
 /// What is said of an answer that the time limit forced.
@@ -126,8 +126,8 @@ fn verdict(outcome: &Outcome, located: bool) -> (Tone, String) {
             let fitted = "the declared model, fitted within its tolerances, explains them";
             (Tone::Good, format!("These records show no missing effect: {fitted}."))
         }
-        Verdict::Inadequate if let Some(undecided) = &outcome.undecided => {
-            (Tone::Warning, not_settled(undecided))
+        Verdict::Inadequate if let Some(unsettled) = &outcome.unsettled => {
+            (Tone::Warning, not_settled(unsettled))
         }
         Verdict::Inadequate => (
             Tone::Warning,
@@ -166,8 +166,8 @@ fn verdict(outcome: &Outcome, located: bool) -> (Tone, String) {
 }
 
 /// What the records do not settle.
-fn not_settled(undecided: &Undecided) -> String {
-    let Undecided { id, gain_percent, blocks_better, blocks } = undecided;
+fn not_settled(unsettled: &Unsettled) -> String {
+    let Unsettled { id, gain_percent, blocks_better, blocks } = unsettled;
     let what = find(id).map_or_else(|| format!("a function of {id}"), |own| own.words.to_owned());
     format!(
         "These records do not settle whether something is missing: {what} would take \

@@ -14,7 +14,7 @@ use crate::equation_error::block_roles::{Block, Role, blocks_of_role};
 use crate::equation_error::model::{Fitted, RegressionModel, Structure};
 use crate::outcome::{
     AtBounds, CandidateGain, ChannelError, FoundEffect, Named, Outcome, Roles, StepError,
-    Undecided, UnlistedTable, Verdict,
+    UnlistedTable, Unsettled, Verdict,
 };
 use crate::selection::candidates::SitedEffect;
 use crate::selection::forward_selection::SelectionStep;
@@ -76,7 +76,7 @@ fn outcome(study: &Study<'_>) -> Outcome {
             resembles: resemblance(unlisted.variable, &unlisted.table, &regression.axis.units),
             ..UnlistedTable::default()
         }),
-        undecided: found.undecided().map(|own| Undecided {
+        unsettled: found.unsettled().map(|own| Unsettled {
             id: own.id.into(),
             gain_percent: own.gain_percent,
             blocks_better: own.better,

@@ -62,7 +62,7 @@ fn outcome(study: &Study<'_>) -> Option<Outcome> {
     let with_deviation = fit.deviations(found.last(), BLOCK);
     let (error, parameters) = (error(study)?, parameters(study, &with_deviation));
     Some(Outcome {
-        undecided: None,
+        unsettled: None,
         verdict,
         early: false,
         effects: effects(study, &with_deviation),

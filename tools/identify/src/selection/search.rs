@@ -65,7 +65,7 @@ impl<'f> SearchResult<'f> {
 
     /// Whether no model that was tried describes the records.
     pub fn is_inadequate(&self) -> bool {
-        self.leaves_too_much() || self.undecided().is_some()
+        self.leaves_too_much() || self.unsettled().is_some()
     }
 
     /// Whether nothing was added, and effects that were withdrawn leave most of a large error, or
@@ -79,7 +79,7 @@ impl<'f> SearchResult<'f> {
     /// The candidate or function that takes the most of the error on most blocks and yet does not
     /// pass, where nothing was added for another reason: neither that it is missing nor that
     /// nothing is can be said then.
-    pub fn undecided(&self) -> Option<&Validation> {
+    pub fn unsettled(&self) -> Option<&Validation> {
         if !self.steps.is_empty() || self.unlisted.is_some() || self.leaves_too_much() {
             return None;
         }

@@ -95,6 +95,7 @@ fn outcome(
     effects: Vec<FoundEffect>,
 ) -> Outcome {
     Outcome {
+        unsettled: None,
         verdict,
         early: false,
         effects,
