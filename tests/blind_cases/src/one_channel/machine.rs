@@ -119,7 +119,9 @@ impl Machine {
         }
         machine.offset = draw.sign() * draw.uniform(0.0, 0.25) * scale;
         let speed = TAU * machine.top_hz * machine.amplitude;
-        machine.stick = match draw.below(4) {
+        // A bristle under an imposed movement is presliding friction, which is an effect of the
+        // list.
+        machine.stick = match draw.below(if kind == Kind::Element { 3 } else { 4 }) {
             0 | 1 => Stick::Rigid,
             2 if draw.below(2) == 0 => Stick::Tanh(draw.log_uniform(1e-3, 1e-2) * speed),
             2 => Stick::Arctangent(draw.log_uniform(5e-4, 3e-3) * speed),

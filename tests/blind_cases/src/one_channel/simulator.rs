@@ -181,6 +181,23 @@ impl<'a> Running<'a> {
         self.now.time_s += h;
     }
 
+    /// The share of dry friction of a part whose velocity is imposed. Rigid friction keeps its sign
+    /// while the part is held.
+    fn sliding(&mut self) -> f64 {
+        let speed = self.now.velocity;
+        let held = 1e-5 * self.machine.amplitude * self.machine.control_rad_s;
+        self.bristle = match self.machine.stick {
+            Stick::Rigid if speed.abs() < held => self.bristle,
+            Stick::Rigid => speed.signum(),
+            Stick::Tanh(width) => (speed / width).tanh(),
+            Stick::Arctangent(width) => {
+                (std::f64::consts::FRAC_PI_2 * speed / width).atan() * std::f64::consts::FRAC_2_PI
+            }
+            Stick::Bristle(travel) => bristle(self.bristle, speed * self.now.step_s, travel),
+        };
+        self.bristle
+    }
+
     /// Velocity after dry friction, and the friction. `pace` is the change of velocity per force.
     fn slide(&mut self, wanted: f64, pace: f64, acts: &Acts) -> (f64, f64) {
         let level = if wanted >= 0.0 { acts.forward } else { acts.backward };
@@ -330,11 +347,6 @@ fn imposed(
     let mut disturbance = Disturbance::new(around, h, &mut draw);
     let zero = draw.uniform(-0.5, 0.5) * around.count;
     let rate = machine.control_rad_s;
-    // Rigid friction of a part that is held would be undetermined: it builds up over little.
-    let travel = match machine.stick {
-        Stick::Bristle(travel) => travel,
-        _ => 2e-4 * machine.amplitude,
-    };
     let mut track = Track { effects: vec![Vec::new(); laws.len()], ..Track::default() };
     let mut running = Running::new(machine, laws, h);
     for step in 0..rows * steps {
@@ -344,8 +356,7 @@ fn imposed(
             rate * rate * (wanted - now.position) - 1.6 * rate * now.velocity;
         let acts = running.acting();
         let level = if now.velocity >= 0.0 { acts.forward } else { acts.backward };
-        running.bristle = bristle(running.bristle, now.velocity * h, travel);
-        running.reaction = level * running.bristle;
+        running.reaction = level * running.sliding();
         running.share(&acts);
         let now = running.now;
         let inertial = (running.mass - machine.mass) * now.acceleration;
