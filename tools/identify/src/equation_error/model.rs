@@ -113,8 +113,8 @@ pub struct Fitted {
 /// Time shift of a force that sampling, computing and zero-order hold may cause, in sampling
 /// periods.
 const HELD: f64 = 1.5;
-/// A shape beyond this share of its range is at the end of it.
-const END_OF_RANGE: f64 = 0.99;
+/// A shape within this share of its range from an end is at that end.
+const END_OF_RANGE: f64 = 0.01;
 
 impl RegressionModel {
     /// Whether the declared model has that column.
@@ -341,12 +341,19 @@ impl RegressionModel {
             .filter(|shift| shift.abs() < HELD * sampling)
     }
 
-    /// Whether a shape of the last effect ended at the upper end of its range: beyond it the effect
-    /// is another one.
+    /// Whether a shape of the last effect ended at an end of its range: beyond it the effect is
+    /// another one. Frequencies are taken from the spectrum instead.
     pub fn shape_at_end(&self, structure: &Structure<'_>, fitted: &Fitted) -> bool {
-        let Some(place) = self.places(structure).pop() else { return false };
+        let (Some(effect), Some(place)) = (structure.effects.last(), self.places(structure).pop())
+        else {
+            return false;
+        };
         let shapes = self.shapes(structure);
-        place.into_iter().any(|at| shapes[at].share(fitted.shapes[at]) > END_OF_RANGE)
+        let at_end = |at: usize| {
+            let share = shapes[at].share(fitted.shapes[at]);
+            !(END_OF_RANGE..=1.0 - END_OF_RANGE).contains(&share)
+        };
+        !effect.declaration().is_tone && place.into_iter().any(at_end)
     }
 
     /// Root mean square over some rows of the contribution of the last `terms` columns of a fit.

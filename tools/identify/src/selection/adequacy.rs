@@ -69,8 +69,7 @@ impl Adequacy {
 
     /// Whether a large error is left that is not noise.
     pub(super) fn is_coloured(&self) -> bool {
-        self.selected_percent.min(self.reported_percent) > SMALL_PERCENT
-            && self.correlation > MOST_CORRELATION
+        self.reported_percent > SMALL_PERCENT && self.correlation > MOST_CORRELATION
     }
 }
 
@@ -79,10 +78,9 @@ fn correlation(predictor: &Predictor<'_>, fitted: &Fitted, block: &Block) -> f64
     let residual = predictor.residual(fitted, block);
     let balance = &predictor.regression().balances[block.record];
     let lag = (1.0 / balance.cut_off / balance.row_step()).ceil() as usize;
-    let mean = residual.iter().sum::<f64>() / residual.len().max(1) as f64;
+    // Without the block's own mean: an error that is constant over a block is no noise.
     let product = |lag: usize| -> f64 {
-        let later = residual.iter().skip(lag);
-        residual.iter().zip(later).map(|(a, b)| (a - mean) * (b - mean)).sum()
+        residual.iter().zip(residual.iter().skip(lag)).map(|(a, b)| a * b).sum()
     };
     product(lag) / product(0).max(f64::MIN_POSITIVE)
 }

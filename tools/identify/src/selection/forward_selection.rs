@@ -12,7 +12,7 @@ use super::candidates::{
 };
 use super::predictor::Predictor;
 use super::tones::is_tone_of_motion;
-use super::validation::{LEAST_T, Validation, validate};
+use super::validation::{LEAST_T, Validation, least_percent, validate};
 use crate::deadline::Deadline;
 use crate::effects::{Axis, Effect};
 use crate::equation_error::block_roles::Block;
@@ -207,6 +207,12 @@ impl Search<'_> {
         errors
     }
 
+    /// The least decrease (%) that counts beside a model, by what it leaves on the selecting rows.
+    pub(super) fn least_percent(&self, fitted: &Fitted) -> f64 {
+        let (error, size) = self.predictor.error(fitted, &self.select);
+        least_percent(100.0 * error / size.max(f64::MIN_POSITIVE))
+    }
+
     /// Greedy forward selection: the best accepted candidate is added and all is fitted again,
     /// until none passes or the model has `MOST_EFFECTS` effects.
     pub(super) fn forward<'f>(&self, base: &FittedModel<'f>, choice: Choice) -> Selection<'f> {
@@ -221,12 +227,12 @@ impl Search<'_> {
                 list.retain(|c| regression.frees(c.effect) || can_simulate(c.effect));
             }
             let mut tried = self.try_all(current, &list);
+            let least_percent = choice.least_percent.max(self.least_percent(&current.fitted));
             for candidate in &mut tried {
                 let validation = &candidate.validation;
-                let may_pass = validation.accepted || validation.takes_part_of_most();
+                let may_pass = validation.accepted || validation.takes_part_of_most(least_percent);
                 let tone = may_pass && is_tone_of_motion(regression, candidate, &self.fit);
-                candidate.validation.accepted &=
-                    candidate.validation.gain_percent >= choice.least_percent;
+                candidate.validation.accepted &= candidate.validation.gain_percent >= least_percent;
                 candidate.validation.exclude_if(tone);
             }
             if self.deadline.left_work_out() {

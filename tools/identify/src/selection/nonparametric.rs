@@ -60,7 +60,12 @@ impl Search<'_> {
 
     /// Fits nonparametric functions of one variable to the residual; best first.
     pub(super) fn nonparametric(&self, current: &FittedModel<'_>) -> Vec<NonparametricFit> {
-        let one = |variable: Variable| self.nonparametric_in(current, variable);
+        let least_percent = self.least_percent(&current.fitted);
+        let one = |variable: Variable| {
+            let mut one = self.nonparametric_in(current, variable)?;
+            one.validation.accepted &= one.validation.gain_percent >= least_percent;
+            Some(one)
+        };
         let mut tried: Vec<NonparametricFit> = Variable::ALL.into_iter().filter_map(one).collect();
         let gain = |tried: &NonparametricFit| tried.validation.gain_percent;
         tried.sort_by(|a, b| {

@@ -5,7 +5,7 @@ use super::candidates::{FittedCandidate, FittedModel};
 use super::forward_selection::{Choice, Search, Selection, SelectionStep};
 use super::nonparametric::{NonparametricFit, Unlisted};
 use super::predictor::Predictor;
-use super::validation::{Validation, validate};
+use super::validation::{Validation, least_percent, validate};
 use crate::deadline::{Deadline, NEVER};
 use crate::effects::Regressor;
 use crate::equation_error::block_roles::{Block, Role, blocks_of_role};
@@ -87,7 +87,8 @@ impl<'f> SearchResult<'f> {
         let listed = listed.map(|own| &own.validation);
         let functions = self.nonparametric.iter().filter(|own| !own.screened_only);
         let all = listed.chain(functions.map(|own| &own.validation));
-        all.filter(|own| !own.accepted && own.takes_part_of_most())
+        let least_percent = least_percent(self.adequacy.selected_percent);
+        all.filter(|own| !own.accepted && own.takes_part_of_most(least_percent))
             .max_by(|a, b| a.gain_percent.total_cmp(&b.gain_percent))
     }
 }
@@ -101,8 +102,7 @@ pub fn functions(predictor: &Predictor<'_>, blocks: &[Block]) -> Vec<Spline> {
 }
 
 /// Searches the effects that the declared model lacks; after the deadline no further ones. `None`
-/// where not even the declared model can
-/// be fitted.
+/// where not even the declared model can be fitted.
 ///
 /// Where the error is that of a force, two further models compete with the result of the forward
 /// selection: without effects that take a part of the measured force away, and with a nonparametric

@@ -11,6 +11,20 @@ const FEW_BLOCKS: usize = 6;
 /// Least t: mean decrease of the blocks' squared residual over its standard error.
 pub const LEAST_T: f64 = 2.5;
 
+/// An error below this share of the channel (%) is negligible: only what takes
+/// [`LEAST_OF_NEGLIGIBLE_PERCENT`] of it is worth a name.
+const NEGLIGIBLE_PERCENT: f64 = 5.0;
+/// Least relative decrease of a negligible error (%).
+const LEAST_OF_NEGLIGIBLE_PERCENT: f64 = 30.0;
+
+/// The least decrease (%) that is accepted of an error of so many percent of the channel.
+pub(super) fn least_percent(error_percent: f64) -> f64 {
+    match error_percent < NEGLIGIBLE_PERCENT {
+        true => LEAST_OF_NEGLIGIBLE_PERCENT,
+        false => 100.0 * LEAST_GAIN,
+    }
+}
+
 /// Decrease of the rms residual from which the size alone decides, if nearly all blocks improve: on
 /// few blocks no test of significance can pass, however large the decrease.
 const CLEAR_GAIN: f64 = 0.50;
@@ -53,9 +67,9 @@ impl Validation {
         self.accepted &= !excluded;
     }
 
-    /// Whether it takes as much of the error as an effect must, on most blocks, and may pass.
-    pub fn takes_part_of_most(&self) -> bool {
-        !self.excluded && self.gain_percent >= 100.0 * LEAST_GAIN && self.better > self.blocks / 2
+    /// Whether it takes so much of the error (%), on most blocks, and may pass.
+    pub fn takes_part_of_most(&self, least_percent: f64) -> bool {
+        !self.excluded && self.gain_percent >= least_percent && self.better > self.blocks / 2
     }
 }
 
@@ -63,7 +77,8 @@ impl Validation {
 ///
 /// The decrease must be large enough and be significant by one of two tests. The t test of the mean
 /// decrease fails where a single block has most of the decrease; the signed-rank test, which is
-/// robust to such heavy tails, then decides.
+/// robust to such heavy tails, then decides. Where the error falls by half on nearly all blocks, no
+/// test is asked.
 pub fn validate(id: &'static str, before: &[f64], after: &[f64]) -> Validation {
     let n = before.len() as f64;
     let (sum_before, sum_after) = (before.iter().sum::<f64>(), after.iter().sum::<f64>());
@@ -177,9 +192,9 @@ mod tests {
         let after: Vec<f64> = before.iter().map(|b| 0.7 * b).collect();
         let mut validation = validate("x", &before, &after);
         validation.exclude_if(false);
-        assert!(validation.accepted && validation.takes_part_of_most());
+        assert!(validation.accepted && validation.takes_part_of_most(10.0));
         validation.exclude_if(true);
-        assert!(!validation.accepted && !validation.takes_part_of_most());
+        assert!(!validation.accepted && !validation.takes_part_of_most(10.0));
     }
 
     #[test]
