@@ -12,6 +12,9 @@ effect! {
         /// Half width `w`.
         half_width: "V (N)", 0.0, 1e4, 0.1, "assumed";
     }
+    search {
+        space: |of| of.sizes(of.up_to("half_width", 10.0), &[0.5, 1.5, 4.0]),
+    }
 }
 
 impl Effect for AmplifierDeadzone {

@@ -2,6 +2,7 @@
 //!
 //! `T v̇ + v = v_in`, exact for held volts.
 
+use super::search::SearchRange;
 use super::{Effect, LineConstants, Moment, effect};
 
 effect! {
@@ -14,6 +15,11 @@ effect! {
     }
     state {
         volts: f64 = 0.0;
+    }
+    search {
+        space: |of| {
+            of.sizes(SearchRange::logarithmic("time_constant", 2e-4, 0.1), &[0.3, 1.0, 3.0])
+        },
     }
 }
 

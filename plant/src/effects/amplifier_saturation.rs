@@ -2,6 +2,7 @@
 //!
 //! `v → clamp(v, -v_max, v_max)`.
 
+use super::search::{SearchRange, each};
 use super::{Effect, Moment, effect};
 
 effect! {
@@ -11,6 +12,14 @@ effect! {
     pub struct AmplifierSaturation {
         /// Largest output `v_max`.
         limit: "V (N)", 1e-3, 1e4, 2.0, "assumed";
+    }
+    search {
+        space: |of| {
+            let volts = of.features.volts;
+            let starts = each("limit", &[0.45, 0.6, 0.75, 0.9].map(|share| share * volts));
+            // The limit falls as the effect grows.
+            of.space([SearchRange::linear("limit", 0.2 * volts, volts)], starts).with_sizes(0)
+        },
     }
 }
 

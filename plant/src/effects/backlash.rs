@@ -16,6 +16,9 @@ effect! {
         /// Width of the gap: m at the line, rad at master or slave.
         gap: "m or rad", 0.0, 1.0, 1e-3, "play of a worn belt or piston rod";
     }
+    search {
+        space: |of| of.sizes(of.up_to("gap", 20.0), &[0.25, 1.0, 3.0]),
+    }
 }
 
 impl Effect for Backlash {

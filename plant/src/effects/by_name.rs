@@ -94,8 +94,13 @@ fn build(entry: &Entry, site: Site, size: f64) -> Result<Box<dyn Effect>, Effect
     Ok(effect)
 }
 
+/// The effect of that name as the list has it.
+pub fn entry(id: &str) -> Option<&'static Entry> {
+    LIST.iter().find(|entry| entry.id == id)
+}
+
 fn find(id: &str) -> Result<&'static Entry, EffectError> {
-    LIST.iter().find(|entry| entry.id == id).ok_or_else(|| EffectError::Unknown {
+    entry(id).ok_or_else(|| EffectError::Unknown {
         id: id.to_owned(),
         known: LIST.iter().map(|entry| entry.id).collect::<Vec<_>>().join(", "),
     })

@@ -2,6 +2,7 @@
 //!
 //! `τ_f = c sgn(q̇)`, up to `c` at rest.
 
+use super::search::MultiStart;
 use super::{Effect, Moment, SideLoad, effect};
 use crate::friction::{Coulomb, FrictionLaw};
 
@@ -12,6 +13,11 @@ effect! {
     pub struct CoulombFriction {
         /// Friction.
         level: "N m (N)", 0.0, 1e4, 0.3, "assumed";
+    }
+    search {
+        space: |of| of
+            .sizes(of.up_to("level", 10.0), &[0.3, 1.0, 3.0])
+            .multi_start(MultiStart::WhenLocalised),
     }
 }
 

@@ -1,5 +1,6 @@
 //! How an effect declares itself, in its own file.
 
+use super::search::{Basis, RecordFeatures, Search, SearchSpace};
 use super::{Effect, Site};
 use crate::ParameterInfo;
 
@@ -25,11 +26,22 @@ pub struct Entry {
     pub what: &'static str,
     /// Its parameters with unit, range, default and source; the first is its size.
     pub parameters: &'static [ParameterInfo],
+    /// How it is searched in records.
+    pub search: Search,
     pub(super) build: fn(Site) -> Box<dyn Effect>,
 }
 
+impl Entry {
+    /// The search space at one of its sites, for records with these features.
+    pub fn search_space(&self, place: &Place, features: &RecordFeatures) -> SearchSpace {
+        let (site, size, parameter) = (place.site, place.size, &self.parameters[0]);
+        (self.search.space)(&Basis { site, size, parameter, features })
+    }
+}
+
 /// Declares an effect: its name, what it is, its sites with default sizes, its struct of parameters
-/// (the first is its size) and its inner state. The struct has a field `site`, and the module
+/// (the first is its size), its inner state, and how it is searched in records (fields of
+/// [`Search`]; by its size alone unless given). The struct has a field `site`, and the module
 /// `ENTRY` for [`LIST`].
 macro_rules! effect {
     (
@@ -41,6 +53,7 @@ macro_rules! effect {
                 $default:expr, $source:literal;)+
         }
         $(state { $($state:ident: $state_type:ty = $initial:expr;)* })?
+        $(search { $($field_of_search:ident: $search:expr,)+ })?
     ) => {
         $crate::parameter::parameter_set! {
             $(#[$meta])*
@@ -74,6 +87,10 @@ macro_rules! effect {
             }),+],
             what: $what,
             parameters: $type::NAMES,
+            search: $crate::effects::search::Search {
+                $($($field_of_search: $search,)+)?
+                ..$crate::effects::search::Search::BY_SIZE
+            },
             build: |site| Box::new($type::at(site)),
         };
     };

@@ -12,6 +12,9 @@ effect! {
         /// Added inertia `J`.
         inertia: "kg m^2 (kg)", 0.0, 1e4, 1e-3, "assumed: half the slave";
     }
+    search {
+        space: |of| of.sizes(of.up_to("inertia", 20.0), &[0.3, 1.0]),
+    }
 }
 
 impl Effect for ExtraInertia {

@@ -2,6 +2,7 @@
 //!
 //! `τ = -m g l sin(q + φ)`; at `φ = 0` it pulls towards zero.
 
+use super::search::each;
 use super::{Effect, Moment, SideLoad, effect};
 
 effect! {
@@ -13,6 +14,11 @@ effect! {
         torque: "N m (N)", -1e3, 1e3, 0.2, "assumed: 0.2 kg at 0.1 m";
         /// Angle `φ` from hanging, at zero position.
         phase: "rad", -3.15, 3.15, 0.0, "assumed";
+    }
+    search {
+        space: |of| of
+            .space([], each("torque", &[0.5 * of.size]))
+            .phasor("torque", 10.0 * of.size),
     }
 }
 

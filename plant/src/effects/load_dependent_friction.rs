@@ -3,6 +3,7 @@
 //! `τ_f += μ |τ_line| sgn(q̇)`: seals pressed by the fluid, bearings by the belt; the law of
 //! [`crate::friction::LoadDependent`] without its saturation.
 
+use super::search::SearchRange;
 use super::{Effect, Moment, SideLoad, effect};
 use crate::friction::{FrictionLaw, LoadDependent};
 
@@ -13,6 +14,11 @@ effect! {
     pub struct LoadDependentFriction {
         /// Friction per transmitted torque `μ`.
         coefficient: "1", 0.0, 0.9, 0.1, "assumed";
+    }
+    search {
+        space: |of| {
+            of.sizes(SearchRange::linear("coefficient", 0.0, 0.9), &[0.3, 1.0, 2.0])
+        },
     }
 }
 

@@ -2,6 +2,7 @@
 //!
 //! `τ → τ + a sin(2π f t + φ)`.
 
+use super::search::{SearchRange, pairs};
 use super::{Effect, Moment, Reading, effect};
 
 effect! {
@@ -15,6 +16,15 @@ effect! {
         frequency_hz: "Hz", 1.0, 1000.0, 50.0, "Europe";
         /// Phase `φ`.
         phase: "rad", -3.15, 3.15, 0.0, "assumed";
+    }
+    search {
+        space: |of| of
+            .space(
+                [SearchRange::frequency("frequency_hz", 15.0, 124.0)],
+                pairs(("amplitude", &[of.size]), ("frequency_hz", &of.features.hum_hz)),
+            )
+            .phasor("amplitude", 20.0 * of.size)
+            .only_if(of.features.torque),
     }
 }
 

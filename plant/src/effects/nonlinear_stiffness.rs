@@ -7,6 +7,7 @@
 //! falls below 5 % of the declared. At the slave only the slave's ends are nonlinear. Source:
 //! polynomial spring (Duffing).
 
+use super::search::{SearchRange, each, pairs};
 use super::{Demand, Effect, LineConstants, Link, Moment, Side, effect};
 
 /// Force at the reference deflection, N per line.
@@ -24,6 +25,18 @@ effect! {
     }
     state {
         reference_m: f64 = 1.0;
+    }
+    search {
+        // An odd and an even part.
+        space: |of| {
+            let free = [
+                SearchRange::linear("cubic", -0.9, 10.0),
+                SearchRange::linear("even", -0.95, 0.95),
+            ];
+            let odd = each("cubic", &[0.3, 1.5, -0.2]);
+            let even = pairs(("cubic", &[0.01]), ("even", &[0.25, -0.25]));
+            of.space(free, [odd, even].concat()).with_sizes(2)
+        },
     }
 }
 

@@ -2,7 +2,8 @@
 //!
 //! `τ += a sin(2π f t + φ)`: the scanner's gradients shake the table.
 
-use super::{Effect, Moment, SideLoad, effect};
+use super::search::{SearchRange, pairs};
+use super::{Effect, Moment, SideLoad, Site, effect};
 
 effect! {
     "periodic_disturbance": "a vibration of fixed frequency";
@@ -15,6 +16,16 @@ effect! {
         frequency_hz: "Hz", 0.01, 900.0, 11.0, "assumed: echo-planar slices per second";
         /// Phase `φ`.
         phase: "rad", -3.15, 3.15, 0.0, "assumed";
+    }
+    search {
+        space: |of| {
+            let lines = &of.features.lines_hz[usize::from(of.site == Site::Slave)];
+            of.space(
+                [SearchRange::frequency("frequency_hz", 0.3, 120.0)],
+                pairs(("amplitude", &[0.3 * of.size]), ("frequency_hz", lines)),
+            )
+            .phasor("amplitude", 10.0 * of.size)
+        },
     }
 }
 

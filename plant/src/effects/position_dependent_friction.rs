@@ -3,6 +3,7 @@
 //! All dry friction of the side times `1 + a sin(n q + φ)`. Ch. 4 (introduction): "static friction
 //! varies with position"; fig. 5.5 shows it.
 
+use super::search::{SearchRange, pairs};
 use super::{Effect, Moment, SideLoad, effect};
 use crate::friction::PositionDependent;
 
@@ -17,6 +18,14 @@ effect! {
         order: "1/rad (1/m)", 0.01, 1000.0, 1.0, "assumed";
         /// Phase `φ`.
         phase: "rad", -3.15, 3.15, 0.785, "assumed";
+    }
+    search {
+        space: |of| of
+            .space(
+                [SearchRange::spatial_frequency("order", 0.9, 12.0)],
+                pairs(("amplitude", &[0.2]), ("order", &[1.0, 2.0, 3.0, 5.0])),
+            )
+            .phasor("amplitude", 1.0),
     }
 }
 

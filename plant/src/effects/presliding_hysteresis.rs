@@ -5,8 +5,12 @@
 //! both directions. The rest stays dry. Source: Dahl, 1968; Canudas de Wit et al., IEEE TAC 40
 //! (1995).
 
-use super::{Demand, Effect, LineConstants, Moment, SideLoad, effect};
+use super::search::{SearchRange, pairs};
+use super::{Demand, Effect, LineConstants, Moment, SideLoad, Site, effect};
 use crate::friction::Bristle;
+
+/// Shortest travel that is searched, in counts of that side's encoder.
+const LEAST_COUNTS: f64 = 2.0;
 
 effect! {
     "presliding_hysteresis": "bristles: friction that builds up over a small travel";
@@ -21,6 +25,21 @@ effect! {
     state {
         bristle: Bristle = Bristle::default();
         stiffness: f64 = 0.0;
+    }
+    search {
+        space: |of| {
+            let count_rad = of.features.count_rad[usize::from(of.site == Site::Slave)];
+            let least = (LEAST_COUNTS * count_rad).clamp(5e-4, 0.05);
+            let travels = [0.004, 0.015, 0.06].map(|travel| f64::max(travel, 1.3 * least));
+            of.space(
+                [
+                    SearchRange::linear("part", 0.0, 1.0),
+                    SearchRange::logarithmic("travel", least, 0.3),
+                ],
+                pairs(("part", &[0.4, 0.95]), ("travel", &travels)),
+            )
+        },
+        imitates_coarse_steps: true,
     }
 }
 

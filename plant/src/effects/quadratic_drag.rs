@@ -12,6 +12,9 @@ effect! {
         /// Coefficient `c`.
         coefficient: "N m s^2/rad^2 (N s^2/m^2)", 0.0, 1e6, 0.005, "assumed: 0.5 N m at 10 rad/s";
     }
+    search {
+        space: |of| of.sizes(of.up_to("coefficient", 20.0), &[0.3, 1.0]),
+    }
 }
 
 impl Effect for QuadraticDrag {

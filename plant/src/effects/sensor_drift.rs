@@ -12,6 +12,11 @@ effect! {
         /// Drift `d`.
         rate: "N m/s", -10.0, 10.0, 0.01, "assumed";
     }
+    search {
+        space: |of| {
+            of.sizes(of.either("rate", 20.0), &[0.3]).signed().only_if(of.features.torque)
+        },
+    }
 }
 
 impl Effect for SensorDrift {

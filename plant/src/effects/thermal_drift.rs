@@ -3,6 +3,7 @@
 //! Friction (at a side: dry and viscous; at the line: the fluid's loss) times `1 + a exp(-t/τ)`,
 //! `t` since the start: more when cold for positive `a`.
 
+use super::search::{Becomes, SearchRange, pairs};
 use super::{Effect, Moment, SideLoad, effect};
 
 effect! {
@@ -14,6 +15,18 @@ effect! {
         excess: "1", -0.9, 20.0, 0.5, "assumed";
         /// Time constant `τ`.
         time_constant_s: "s", 0.1, 1e5, 20.0, "assumed";
+    }
+    search {
+        space: |of| of
+            .space(
+                [
+                    SearchRange::linear("excess", -0.9, 6.0),
+                    SearchRange::logarithmic("time_constant_s", 3.0, 1000.0),
+                ],
+                pairs(("excess", &[0.3]), ("time_constant_s", &[10.0, 30.0, 100.0])),
+            )
+            .signed(),
+        becomes: Some(Becomes { parameter: "time_constant_s", id: "coulomb_friction" }),
     }
 }
 

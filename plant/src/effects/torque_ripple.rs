@@ -2,6 +2,7 @@
 //!
 //! `τ += a sin(n q_m + φ)`: cogging; it is there without current.
 
+use super::search::{SearchRange, pairs};
 use super::{Effect, Moment, effect};
 
 effect! {
@@ -15,6 +16,16 @@ effect! {
         order: "1", 1.0, 1e5, 6.0, "assumed: three pole pairs";
         /// Phase `φ`.
         phase: "rad", -3.15, 3.15, 0.0, "assumed";
+    }
+    search {
+        space: |of| {
+            let orders = [&of.features.orders[..], &[4.0, 5.0, 6.0, 7.0, 8.0]].concat();
+            of.space(
+                [SearchRange::spatial_frequency("order", 3.5, 200.0)],
+                pairs(("amplitude", &[0.5 * of.size]), ("order", &orders)),
+            )
+            .phasor("amplitude", 10.0 * of.size)
+        },
     }
 }
 

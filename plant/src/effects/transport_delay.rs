@@ -17,7 +17,11 @@
 //! Source: method of characteristics; Wylie and Streeter, Fluid Transients.
 
 use super::delay_line::DelayLine;
+use super::search::{MultiStart, SearchRange};
 use super::{Demand, Effect, LineConstants, Link, Moment, Reading, Side, Site, effect};
+
+/// Shortest dead time of a line that is searched, in steps: slightly more than one.
+const LEAST_STEPS_OF_LINE: f64 = 1.05;
 
 effect! {
     "transport_delay": "dead time";
@@ -35,6 +39,19 @@ effect! {
         arriving_n: [f64; 2] = [0.0; 2];
         impedance_n_s_per_m: f64 = 1.0;
         spring_rate: f64 = 0.0;
+    }
+    search {
+        space: |of| {
+            let from = |least_s| SearchRange::linear("delay_s", least_s, 0.05);
+            match of.site {
+                Site::Line => of
+                    .sizes(from(LEAST_STEPS_OF_LINE * of.features.step_s), &[0.6, 1.2, 2.0])
+                    .multi_start(MultiStart::Always),
+                _ => of.sizes(from(0.0), &[0.2, 0.6, 2.0]),
+            }
+        },
+        // Late volts and late readings differ by the origin of time alone.
+        equivalent_sites: &[Site::Drive, Site::Sensor],
     }
 }
 
@@ -59,6 +76,10 @@ impl Effect for TransportDelay {
             rate_rad_s: if self.site == Site::Line { self.spring_rate } else { 0.0 },
             ..Demand::default()
         }
+    }
+
+    fn delay_of_all_readings_s(&self) -> Option<f64> {
+        (self.site == Site::Sensor).then_some(self.delay_s)
     }
 
     fn amplifier(&mut self, volts: f64, moment: &Moment) -> f64 {

@@ -3,6 +3,7 @@
 //! A Maxwell branch beside each spring: `F += κ 2K e`, `ė = ẋ - e/τ`. Fast movement sees `(1 + κ)
 //! 2K`, slow movement `2K`. Source: standard linear solid (plastic hose).
 
+use super::search::{SearchRange, pairs};
 use super::{Demand, Effect, LineConstants, Link, Moment, effect};
 
 effect! {
@@ -18,6 +19,15 @@ effect! {
     state {
         stretch_m: [[f64; 2]; 2] = [[0.0; 2]; 2];
         deflection_m: [[f64; 2]; 2] = [[0.0; 2]; 2];
+    }
+    search {
+        space: |of| of.space(
+            [
+                SearchRange::linear("stiffness_ratio", 0.0, 10.0),
+                SearchRange::logarithmic("relaxation_s", 3e-3, 3.0),
+            ],
+            pairs(("stiffness_ratio", &[0.2, 1.0]), ("relaxation_s", &[0.01, 0.03, 0.1, 0.3])),
+        ),
     }
 }
 

@@ -13,6 +13,9 @@ effect! {
         /// Coefficient `b`.
         coefficient: "N m s/rad (N s/m)", 0.0, 1e5, 0.05, "assumed";
     }
+    search {
+        space: |of| of.sizes(of.up_to("coefficient", 20.0), &[0.3, 1.0]),
+    }
 }
 
 impl Effect for ViscousFriction {
