@@ -4,7 +4,24 @@
 //! with the stiffness `p F / q_d`, `F` being the side's breakaway where it first moves, mean of
 //! both directions. The rest stays dry. Source: Dahl, 1968; Canudas de Wit et al., IEEE TAC 40
 //! (1995).
+//!
+//! # In a model of one channel
+//!
+//! Presliding friction (bristles): it builds up over a small travel.
+//!
+//! `F = bristle_force · z`, `dz/dx = (1 - z sign(v)) / travel`: Dahl's law, whose limit for a small
+//! `travel` is Coulomb friction. Source: Dahl 1968; Canudas de Wit, Olsson, Åström, Lischinsky,
+//! IEEE Transactions on Automatic Control 40 (1995). The state starts at 0; an error of this
+//! initial state decays over a few `travel`.
+//!
+//! Parameters: `bristle_force` (N or N·m), at least 0; `travel` (m or rad), 0.01 to 10 % of the
+//! record's travel.
+//!
+//! In a residual: after each reversal the force changes from one side to the other as a function of
+//! *position*, however slow the movement. Confused with: Coulomb friction (small travel), a Maxwell
+//! branch (a function of time instead), backlash.
 
+use super::one_channel::{Shape, Term};
 use super::search::{SearchRange, pairs};
 use super::{Demand, Effect, LineConstants, Moment, SideLoad, Site, effect};
 use crate::friction::Bristle;
@@ -40,6 +57,46 @@ effect! {
             )
         },
         imitates_coarse_steps: true,
+    }
+    one_channel {
+        rank: 70,
+        words: "presliding friction that builds up over a small travel",
+        experiment: "small strokes about one place at two speeds that differ tenfold: presliding \
+                     follows the travel, smoothing of friction the speed, a relaxing branch the \
+                     time",
+        refines: Some("coulomb_friction"),
+        terms: |axis| vec![Term::positive("bristle_force", axis.units.force)],
+        shapes: |axis| {
+            vec![Shape::by_factors(
+                "travel",
+                axis.units.position,
+                (1e-4 * axis.travel(), 0.1 * axis.travel()),
+                7,
+            )]
+        },
+        columns: Some(|view, shapes| {
+            let mut state = 0.0;
+            let mut last = view.signals.position.first().copied().unwrap_or(0.0);
+            // Exact for a movement that keeps its direction between samples.
+            let bristle = |x: &f64| {
+                let step = x - last;
+                last = *x;
+                if step != 0.0 {
+                    let side = step.signum();
+                    state = side + (state - side) * (-step.abs() / shapes[0]).exp();
+                }
+                state
+            };
+            vec![view.signals.position.iter().map(bristle).collect()]
+        }),
+        states: 1,
+        rates: |now, shapes, states, rates| {
+            rates[0] = (now.velocity - now.velocity.abs() * states[0]) / shapes[0]
+        },
+        force: Some(|_, _, states, out| out[0] = states[0]),
+        beside_functions: true,
+        // The plant's is a fraction of the friction of the side.
+        of_plant: |_| None,
     }
 }
 

@@ -2,7 +2,25 @@
 //!
 //! Friction (at a side: dry and viscous; at the line: the fluid's loss) times `1 + a exp(-t/τ)`,
 //! `t` since the start: more when cold for positive `a`.
+//!
+//! # In a model of one channel
+//!
+//! Friction that changes as the machine warms up.
+//!
+//! `F = (coulomb_excess · sign(v) + viscous_excess · v) · exp(-t / time_constant)`, `t` since the
+//! start of the record: higher when cold if the excess is positive. Source: viscosity falls with
+//! temperature, which approaches its final value exponentially; Bittencourt and Gunnarsson, J. Dyn.
+//! Sys. Meas. Control 134 (2012), fig. 6.
+//!
+//! Parameters: `coulomb_excess` (N or N·m), `viscous_excess` (N·s/m or N·m·s/rad), up to twice the
+//! warm values; `time_constant` (s), a thirtieth to two fifths of the record: slower drift acts
+//! like a constant.
+//!
+//! In a residual: an error that is large early in the record (or late) and follows the sign of the
+//! velocity. Confused with: drift of a sensor (which does not change sign with the velocity),
+//! differences between records.
 
+use super::one_channel::{Shape, Term};
 use super::search::{Becomes, SearchRange, pairs};
 use super::{Effect, Moment, SideLoad, effect};
 
@@ -27,6 +45,30 @@ effect! {
             )
             .signed(),
         becomes: Some(Becomes { parameter: "time_constant_s", id: "coulomb_friction" }),
+    }
+    one_channel {
+        rank: 100,
+        words: "friction that drifts as the machine warms",
+        experiment: "the same movement for ten times as long, begun cold, with the temperature \
+                     recorded",
+        refines: Some("coulomb_friction"),
+        uses_sign: true,
+        terms: |axis| {
+            vec![
+                Term::free("coulomb_excess", axis.units.force),
+                Term::free("viscous_excess", axis.units.damping),
+            ]
+        },
+        shapes: |axis| {
+            let range = (0.03 * axis.seconds, 0.4 * axis.seconds);
+            vec![Shape::by_factors("time_constant", "s", range, 6)]
+        },
+        force: Some(|now, shapes, _, out| {
+            let cold = (-now.time / shapes[0]).exp();
+            (out[0], out[1]) = (now.sign * cold, now.velocity * cold);
+        }),
+        // The plant's is a fraction of the friction of the side.
+        of_plant: |_| None,
     }
 }
 

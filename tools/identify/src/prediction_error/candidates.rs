@@ -91,6 +91,9 @@ mod tests {
     fn every_listed_effect_is_searched_at_each_of_its_sites() {
         let searched = candidates(&features());
         let listed = LIST.iter().flat_map(|entry| entry.sites.iter().map(move |at| (entry, at)));
+        let searched_at_all =
+            |entry: &Entry| !entry.sites.is_empty() || entry.one_channel.is_some();
+        assert!(LIST.iter().all(searched_at_all));
         for (entry, place) in listed {
             let own = searched.iter().find(|own| (own.id, own.site) == (entry.id, place.site));
             let own = own.unwrap_or_else(|| {
@@ -102,7 +105,11 @@ mod tests {
             let names = |name: &str| own.starts[0].effect().unwrap().get(name).is_some();
             assert!(own.free.iter().all(|free| names(free.name)), "{own:?}");
             let becomes = entry.search.becomes;
-            assert!(becomes.is_none_or(|becomes| names(becomes.parameter)), "{own:?}");
+            assert!(
+                becomes.is_none_or(|simpler| names(simpler.parameter)
+                    && LIST.iter().any(|entry| entry.id == simpler.id)),
+                "{own:?}"
+            );
             assert!(entry.search.choice.is_none_or(|choice| names(choice.parameter)), "{own:?}");
         }
     }
