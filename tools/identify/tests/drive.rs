@@ -2,11 +2,12 @@
 //! project.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
+mod one_channel;
+
 use identify::equation_error::block_roles::Role;
-use identify::error::IdentifyError;
 use identify::input::Series;
-use identify::models::{Options, of_kind};
 use identify::outcome::{Outcome, Verdict};
+use one_channel::{Noise, effect, ids, measured, parameter, run, shipped};
 
 /// What the synthetic machine really has.
 #[derive(Clone, Copy, Default)]
@@ -23,20 +24,6 @@ struct Truth {
 const MASS: f64 = 90.0;
 const VISCOUS: f64 = 210.0;
 const OFFSET: f64 = -3.0;
-
-/// A generator good enough for noise (xorshift64*), summed to be nearly normal.
-struct Noise(u64);
-impl Noise {
-    fn uniform(&mut self) -> f64 {
-        self.0 ^= self.0 >> 12;
-        self.0 ^= self.0 << 25;
-        self.0 ^= self.0 >> 27;
-        (self.0.wrapping_mul(0x2545_F491_4F6C_DD1D) >> 11) as f64 / (1u64 << 53) as f64
-    }
-    fn normal(&mut self) -> f64 {
-        (0..12).map(|_| self.uniform()).sum::<f64>() - 6.0
-    }
-}
 
 /// A carriage under position control, 500 Hz, 16 s: semi-implicit Euler at 20 kHz (the force too,
 /// so that no sample and hold stands between force and motion), dry friction as an impulse that
@@ -83,57 +70,17 @@ fn record(truth: Truth, seed: u64) -> Series {
 }
 
 fn rig(mass_tolerance: f64) -> rig::Model {
-    let parameter = |name: &str, value, tolerance, absolute| rig::Parameter {
-        name: name.into(),
-        value,
-        tolerance,
-        tolerance_absolute: absolute,
-        source: rig::ParameterSource::Assumed,
-    };
-    rig::Model {
-        kind: rig::ModelKind::Drive,
-        parameters: vec![
-            parameter("mass_kg", 95.0, mass_tolerance, None),
-            parameter("viscous_friction_n_s_per_m", 200.0, 1.0, None),
-            parameter("force_offset_n", 0.0, 0.0, Some(10.0)),
-        ],
-        effects: Vec::new(),
-        handle_coupling: Vec::new(),
-    }
-}
-
-fn identify(records: &[Series], rig: &rig::Model) -> Result<Outcome, IdentifyError> {
-    let model = of_kind(rig::ModelKind::Drive);
-    let (outcome, page) = model.identify(
-        "rig.toml",
-        rig,
-        records,
-        Options {
-            seed: 1,
-            gear: 1.0,
-            slave_count_rad: None,
-            capability: None,
-            propose: false,
-            calibrate: 0,
-        },
-    )?;
-    // Every outcome must make a page.
-    page.render().unwrap();
-    Ok(outcome)
-}
-
-fn ids(outcome: &Outcome) -> Vec<&str> {
-    outcome.effects.iter().map(|e| e.id.as_str()).collect()
+    let parameters = vec![
+        parameter("mass_kg", 95.0, mass_tolerance, None),
+        parameter("viscous_friction_n_s_per_m", 200.0, 1.0, None),
+        parameter("force_offset_n", 0.0, 0.0, Some(10.0)),
+    ];
+    one_channel::rig(rig::ModelKind::Drive, parameters)
 }
 
 /// Whether a value lies within `n` of its stated standard deviations of the truth.
 fn within(value: f64, std: f64, truth: f64, n: f64) -> bool {
     (value - truth).abs() < n * std
-}
-
-fn effect(outcome: &Outcome, name: &str) -> (f64, f64) {
-    let all = outcome.effects.iter().flat_map(|e| &e.parameters);
-    all.filter(|p| p.name == name).map(|p| (p.value, p.std.unwrap_or(f64::NAN))).next().unwrap()
 }
 
 fn declared(outcome: &Outcome, name: &str) -> (f64, f64) {
@@ -144,7 +91,7 @@ fn declared(outcome: &Outcome, name: &str) -> (f64, f64) {
 #[test]
 fn nothing_is_found_where_nothing_is_missing() {
     for seed in 1..=20 {
-        let outcome = identify(&[record(Truth::default(), seed)], &rig(0.25)).unwrap();
+        let outcome = run(&rig(0.25), &[record(Truth::default(), seed)]).unwrap();
         assert_eq!(
             outcome.verdict,
             Verdict::None,
@@ -161,7 +108,7 @@ fn nothing_is_found_where_nothing_is_missing() {
 #[test]
 fn coulomb_friction_is_found_with_its_size() {
     let outcome =
-        identify(&[record(Truth { coulomb: 20.0, ..Truth::default() }, 3)], &rig(0.25)).unwrap();
+        run(&rig(0.25), &[record(Truth { coulomb: 20.0, ..Truth::default() }, 3)]).unwrap();
     assert_eq!(outcome.verdict, Verdict::Effect, "{:?}", outcome.candidates);
     assert_eq!(ids(&outcome), ["coulomb_friction"]);
     let (coulomb, std) = effect(&outcome, "coulomb");
@@ -177,7 +124,7 @@ fn coulomb_friction_is_found_with_its_size() {
 #[test]
 fn asymmetric_friction_is_found_after_coulomb_friction() {
     let truth = Truth { coulomb: 20.0, viscous_difference: -60.0, ..Truth::default() };
-    let outcome = identify(&[record(truth, 4)], &rig(0.25)).unwrap();
+    let outcome = run(&rig(0.25), &[record(truth, 4)]).unwrap();
     assert_eq!(
         ids(&outcome),
         ["coulomb_friction", "asymmetric_friction"],
@@ -191,7 +138,7 @@ fn asymmetric_friction_is_found_after_coulomb_friction() {
 #[test]
 fn stribeck_friction_is_found_after_coulomb_friction() {
     let truth = Truth { coulomb: 15.0, stribeck: 20.0, stribeck_speed: 0.02, ..Truth::default() };
-    let outcome = identify(&[record(truth, 5)], &rig(0.25)).unwrap();
+    let outcome = run(&rig(0.25), &[record(truth, 5)]).unwrap();
     assert_eq!(
         ids(&outcome),
         ["coulomb_friction", "stribeck_friction"],
@@ -206,8 +153,7 @@ fn stribeck_friction_is_found_after_coulomb_friction() {
 
 #[test]
 fn an_unlisted_effect_is_reported_as_unlisted() {
-    let outcome =
-        identify(&[record(Truth { bump: 12.0, ..Truth::default() }, 6)], &rig(0.25)).unwrap();
+    let outcome = run(&rig(0.25), &[record(Truth { bump: 12.0, ..Truth::default() }, 6)]).unwrap();
     assert_eq!(outcome.verdict, Verdict::Unlisted, "{:?}", outcome.candidates);
     let unlisted = outcome.unlisted.unwrap();
     assert_eq!(unlisted.depends_on, "position");
@@ -216,11 +162,11 @@ fn an_unlisted_effect_is_reported_as_unlisted() {
 #[test]
 fn a_heavier_mass_is_an_effect_outside_its_tolerance_and_calibration_inside() {
     let heavy = record(Truth { mass_factor: 1.5, ..Truth::default() }, 7);
-    let outcome = identify(std::slice::from_ref(&heavy), &rig(0.1)).unwrap();
+    let outcome = run(&rig(0.1), std::slice::from_ref(&heavy)).unwrap();
     assert_eq!(ids(&outcome), ["extra_inertia"], "{:?}", outcome.candidates);
     let (extra, std) = effect(&outcome, "mass_beyond_declared");
     assert!(within(extra, std, 1.5 * MASS - 95.0, 4.5), "{extra} ± {std}");
-    let outcome = identify(&[heavy], &rig(0.6)).unwrap();
+    let outcome = run(&rig(0.6), &[heavy]).unwrap();
     assert_eq!(outcome.verdict, Verdict::None, "{:?}", ids(&outcome));
 }
 
@@ -228,7 +174,7 @@ fn a_heavier_mass_is_an_effect_outside_its_tolerance_and_calibration_inside() {
 fn whole_records_have_whole_roles() {
     let records: Vec<Series> =
         (1..=3).map(|s| record(Truth { coulomb: 20.0, ..Truth::default() }, s)).collect();
-    let outcome = identify(&records, &rig(0.25)).unwrap();
+    let outcome = run(&rig(0.25), &records).unwrap();
     assert_eq!(ids(&outcome), ["coulomb_friction"]);
     assert_eq!(outcome.records.fit, ["synthetic-1.csv"]);
     assert_eq!(outcome.records.select, ["synthetic-2.csv"]);
@@ -241,7 +187,7 @@ fn unusable_data_are_refused_with_a_reason() {
     let broken = |change: &dyn Fn(&mut Series)| {
         let mut series = good.clone();
         change(&mut series);
-        identify(&[series], &rig(0.25)).unwrap_err().to_string()
+        run(&rig(0.25), &[series]).unwrap_err().to_string()
     };
     let scaled = |column: usize, factor: f64| {
         broken(&move |s: &mut Series| s.columns[column].1.iter_mut().for_each(|v| *v *= factor))
@@ -261,21 +207,8 @@ fn unusable_data_are_refused_with_a_reason() {
 
 #[test]
 fn the_measured_emps_record_gives_the_published_figures() {
-    let root = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
-    let path = root.join("../shared/data/emps_train.csv");
-    if !path.exists() {
-        eprintln!(
-            "SKIPPED: {} is not there; the measured EMPS record took no part in this test",
-            path.display()
-        );
-        return;
-    }
-    let read = recording::record::from_csv(&path, &recording::record::Options::default()).unwrap();
-    let mut columns = vec![("t_s".to_owned(), read.time_s)];
-    columns.extend(read.columns);
-    let series = Series { file: "emps_train.csv".into(), columns, role: None, notes: Vec::new() };
-    let rig = rig::RigFile::load(root.join("launch/rigs/emps.toml")).unwrap();
-    let outcome = identify(&[series], &rig.model).unwrap();
+    let Some(series) = measured("emps_train.csv") else { return };
+    let outcome = run(&shipped("emps.toml"), &[series]).unwrap();
     assert_eq!(
         ids(&outcome),
         ["coulomb_friction", "asymmetric_friction"],
@@ -321,7 +254,7 @@ fn a_record_too_short_to_select_on_is_refused() {
     // 0.6 s once the ends are off, a single block: of its gain no error can be told, and anything
     // would pass.
     let records = [part(8000, Role::Fit), part(400, Role::Select), part(8000, Role::Report)];
-    let error = identify(&records, &rig(0.25)).unwrap_err().to_string();
+    let error = run(&rig(0.25), &records).unwrap_err().to_string();
     assert!(
         error.contains("select.csv")
             && error.contains("0.60 s to select on")
