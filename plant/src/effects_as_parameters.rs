@@ -12,12 +12,8 @@ impl Parameters {
     /// # Errors
     /// [`ParameterError::OutOfRange`] where a sum is beyond what the model allows.
     pub fn absorb(&mut self, effect: &dyn Effect) -> Result<(), ParameterError> {
-        let size = |id: &str, name: &str| {
-            if effect.id() == id { effect.get(name).unwrap_or_default() } else { 0.0 }
-        };
         let inertia = effect.extra_inertia();
-        let (dry, viscous) =
-            (size("coulomb_friction", "level"), size("viscous_friction", "coefficient"));
+        let (dry, viscous) = effect.extra_friction();
         let parts = match effect.site() {
             Site::Master => vec![
                 ("motor_inertia_kg_m2", inertia),

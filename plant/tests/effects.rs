@@ -5,7 +5,7 @@ mod common;
 
 use common::{DT_S, close, frictionless, loose, plant, volts};
 use plant::ParameterError;
-use plant::effects::{self, EffectError, LIST, Site};
+use plant::effects::{self, EffectError, Site, of_plants};
 use plant::hydrostatic::{ImposedMotion, Input, Parameters, Plant, State, Transmission};
 use std::f64::consts::TAU;
 
@@ -395,7 +395,7 @@ fn sensors() {
 
 #[test]
 fn names_and_sites_are_those_of_the_interface() {
-    for entry in LIST {
+    for entry in of_plants() {
         let effect = effects::parse(entry.id).unwrap();
         assert_eq!((effect.id(), effect.site()), (entry.id, entry.sites[0].site));
         for place in entry.sites {

@@ -1,7 +1,7 @@
 //! Declared effects beyond the equations of the model: `[[model.effects]]`.
 
 use plant::ParameterError;
-use plant::effects::{Effect, EffectError, LIST, Site, make};
+use plant::effects::{Effect, EffectError, Site, make, of_plants};
 
 use crate::checked_toml::{Keys, Section, bounds};
 
@@ -48,7 +48,7 @@ impl ModelEffect {
     /// [`ModelEffectError`] where there is no such effect, or where a parameter is unknown or out
     /// of range.
     pub fn make(&self) -> Result<Box<dyn Effect>, ModelEffectError> {
-        let place = LIST.iter().find(|entry| entry.id == self.id).and_then(|entry| {
+        let place = of_plants().find(|entry| entry.id == self.id).and_then(|entry| {
             let place = entry.sites.iter().find(|place| place.site == self.site)?;
             Some(place.size)
         });
@@ -63,7 +63,7 @@ impl ModelEffect {
     fn read(section: Section<'_>) -> Option<Self> {
         section.document("[[model.effects]]", KEYS);
         let ids: Vec<(&str, &'static str)> =
-            LIST.iter().map(|entry| (entry.id, entry.id)).collect();
+            of_plants().map(|entry| (entry.id, entry.id)).collect();
         let sites = Site::ALL.map(|site| (site.name(), site));
         let id = section.word("id", &ids);
         let site = section.word("site", &sites);

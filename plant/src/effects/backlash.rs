@@ -5,7 +5,22 @@
 //! fluid displacement; at master or slave it is the play of that side's belt and pulley, in rad.
 //! The port damping acts only beyond the gap. Source: Nordin and Gutman, Automatica 38 (2002), dead
 //! zone model.
+//!
+//! # In a model of one channel
+//!
+//! Backlash: a gap in which no force is transmitted.
+//!
+//! `F = -stiffness_lost · clamp(x - centre, ±gap/2)` beside the declared `k x`, with
+//! `stiffness_lost` near `k`: inside the gap there is no spring force, outside it the force starts
+//! from the edge of the gap. Source: Nordin and Gutman, Automatica 38 (2002), dead zone model.
+//!
+//! Parameters: `gap` (m or rad), 0.5 to 60 % of the travel; `centre` (m or rad), within the travel;
+//! `stiffness_lost` (N/m or N·m/rad), at least 0, near the stiffness for a real gap.
+//!
+//! In a residual: plotted over the position, a flat part between two kinks, without a loop.
+//! Confused with: a stiffening spring (no kinks), presliding hysteresis (a loop).
 
+use super::one_channel::{Shape, Term};
 use super::{Effect, Link, Moment, Side, Site, effect};
 
 effect! {
@@ -15,6 +30,35 @@ effect! {
     pub struct Backlash {
         /// Width of the gap: m at the line, rad at master or slave.
         gap: "m or rad", 0.0, 1.0, 1e-3, "play of a worn belt or piston rod";
+    }
+    search {
+        space: |of| of.sizes(of.up_to("gap", 20.0), &[0.25, 1.0, 3.0]),
+    }
+    one_channel {
+        rank: 130,
+        words: "backlash",
+        experiment: "very slow load and unload through zero force, with the position read finely: \
+                     the flat part is the gap",
+        applies: |axis| axis.spring,
+        terms: |axis| vec![Term::positive("stiffness_lost", axis.units.stiffness)],
+        shapes: |axis| {
+            let (low, travel) = (axis.positions.0, axis.travel());
+            vec![
+                Shape::by_factors("gap", axis.units.position, (0.005 * travel, 0.6 * travel), 8),
+                Shape::by_steps(
+                    "centre",
+                    axis.units.position,
+                    (low + 0.1 * travel, low + 0.9 * travel),
+                    17,
+                ),
+            ]
+        },
+        force: Some(|now, shapes, _, out| {
+            let half = 0.5 * shapes[0];
+            out[0] = -(now.position - shapes[1]).clamp(-half, half);
+        }),
+        // The plant's gap is centred at zero and takes the whole force.
+        of_plant: |_| None,
     }
 }
 

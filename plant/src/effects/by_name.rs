@@ -1,5 +1,6 @@
 //! Effects by name.
 
+use super::one_channel::OneChannel;
 use super::{Effect, Entry, LIST, Site};
 use crate::ParameterError;
 
@@ -88,17 +89,38 @@ pub fn make(id: &str, site: Site, size: f64) -> Result<Box<dyn Effect>, EffectEr
 }
 
 fn build(entry: &Entry, site: Site, size: f64) -> Result<Box<dyn Effect>, EffectError> {
-    let mut effect = (entry.build)(site);
+    let mut effect = entry.build.ok_or_else(|| unknown(entry.id))?(site);
     let name = effect.infos()[0].name;
     effect.set(name, size).map_err(|error| EffectError::Size { id: entry.id, error })?;
     Ok(effect)
 }
 
+/// The effect of that name as the list has it.
+pub fn entry(id: &str) -> Option<&'static Entry> {
+    LIST.iter().find(|entry| entry.id == id)
+}
+
+/// The effects that a plant can have.
+pub fn of_plants() -> impl Iterator<Item = &'static Entry> {
+    LIST.iter().filter(|entry| !entry.sites.is_empty())
+}
+
+/// The effects in models of one channel, in the order in which they are tried.
+pub fn of_one_channel() -> Vec<&'static OneChannel> {
+    let mut listed: Vec<_> = LIST.iter().filter_map(|entry| entry.one_channel).collect();
+    listed.sort_by_key(|effect| effect.rank);
+    listed
+}
+
 fn find(id: &str) -> Result<&'static Entry, EffectError> {
-    LIST.iter().find(|entry| entry.id == id).ok_or_else(|| EffectError::Unknown {
+    of_plants().find(|entry| entry.id == id).ok_or_else(|| unknown(id))
+}
+
+fn unknown(id: &str) -> EffectError {
+    EffectError::Unknown {
         id: id.to_owned(),
-        known: LIST.iter().map(|entry| entry.id).collect::<Vec<_>>().join(", "),
-    })
+        known: of_plants().map(|entry| entry.id).collect::<Vec<_>>().join(", "),
+    }
 }
 
 fn wrong_site(entry: &Entry, site: &str) -> EffectError {

@@ -4,6 +4,7 @@
 //! inboard of the torque cell, relaxed at the slave's zero. Size is `k`; the damper is `b = k t_b`
 //! and the inertia `J = k t_J²`. Defaults are of the order of a relaxed wrist; assumed.
 
+use super::search::SearchRange;
 use super::{Effect, Moment, SideLoad, effect};
 
 effect! {
@@ -17,6 +18,15 @@ effect! {
         damper_time_s: "s", 0.0, 1.0, 0.03, "assumed";
         /// Root of inertia over stiffness `t_J`.
         inertia_time_s: "s", 0.0, 1.0, 0.05, "assumed";
+    }
+    search {
+        space: |of| {
+            let names = ["stiffness", "damper_time_s", "inertia_time_s"];
+            let most = [30.0, 0.5, 0.2];
+            let free = [0, 1, 2].map(|which| SearchRange::linear(names[which], 0.0, most[which]));
+            let starts = [[0.3, 0.02, 0.02], [1.0, 0.03, 0.05], [1.0, 0.1, 0.0]];
+            of.space(free, starts.map(|values| names.into_iter().zip(values).collect()).to_vec())
+        },
     }
 }
 

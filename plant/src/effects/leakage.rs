@@ -4,6 +4,7 @@
 //! `Δp = 2F/A` and the deflection that carries force creeps away: `ẋ_leak = 2 G F / A²` (hose
 //! area). Laminar gap flow. Source: Merritt, Hydraulic Control Systems, 1967, cross-port leakage.
 
+use super::search::SearchRange;
 use super::{Demand, Effect, LineConstants, Link, Moment, effect};
 
 effect! {
@@ -18,6 +19,12 @@ effect! {
         rate_per_n: f64 = 0.0;
         stiffness_n_per_m: f64 = 0.0;
         crept_m: [[f64; 2]; 2] = [[0.0; 2]; 2];
+    }
+    search {
+        space: |of| of.sizes(
+            SearchRange::logarithmic("conductance", 0.01 * of.size, 100.0 * of.size),
+            &[0.3, 1.0, 4.0],
+        ),
     }
 }
 

@@ -2,8 +2,9 @@
 //!
 //! An effect acts at a [`Site`] through the hooks of [`Effect`], which a plant calls once per
 //! internal step. Each effect is a [`ParameterSet`]; its first parameter is its size, the value
-//! after `=` in `ID[@SITE][=SIZE]`. To add one: a file here, and its name in two lines of this file
-//! (`pub mod` and [`LIST`]).
+//! after `=` in `ID[@SITE][=SIZE]`. Its file also declares how it is searched in records
+//! ([`search`]) and its form in models of one channel ([`one_channel`]). To add one: a file here,
+//! and its name in two lines of this file (`pub mod` and [`LIST`]).
 
 use crate::ParameterSet;
 use crate::friction::{Load, OperatingPoint};
@@ -33,11 +34,13 @@ pub mod line_damping;
 pub mod load_dependent_friction;
 pub mod mains_hum;
 pub mod nonlinear_stiffness;
+pub mod one_channel;
 pub mod periodic_disturbance;
 pub mod position_dependent_friction;
 pub mod presliding_hysteresis;
 pub mod quadratic_drag;
 pub mod rectified_sensor;
+pub mod search;
 pub mod sensor_crosstalk;
 pub mod sensor_drift;
 pub mod sensor_gain;
@@ -50,7 +53,7 @@ pub mod viscoelastic_line;
 pub mod viscous_friction;
 
 pub use adjustable_constants::LineConstants;
-pub use by_name::{EffectError, make, parse};
+pub use by_name::{EffectError, entry, make, of_one_channel, of_plants, parse};
 pub(crate) use by_site::Sited;
 pub(crate) use declaration::effect;
 pub use declaration::{Entry, Place};
@@ -281,6 +284,16 @@ pub trait Effect: Identity + ParameterSet + CloneEffect + fmt::Debug + Send {
     /// Inertia that it adds to its side, kg·m² (kg).
     fn extra_inertia(&self) -> f64 {
         0.0
+    }
+
+    /// Constant and viscous friction that it adds to its side, N·m and N·m·s/rad (N, N·s/m).
+    fn extra_friction(&self) -> (f64, f64) {
+        (0.0, 0.0)
+    }
+
+    /// Dead time by which it delays all that the instruments read, where it does nothing else, s.
+    fn delay_of_all_readings_s(&self) -> Option<f64> {
+        None
     }
 
     /// Site drive: the amplifier's volts from the commanded.

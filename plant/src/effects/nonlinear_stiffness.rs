@@ -6,7 +6,25 @@
 //! gas trapped in one line only does (equal gas in both lines cancels). The secant stiffness never
 //! falls below 5 % of the declared. At the slave only the slave's ends are nonlinear. Source:
 //! polynomial spring (Duffing).
+//!
+//! # In a model of one channel
+//!
+//! A spring that stiffens or softens.
+//!
+//! `F = cubic · x³ + quadratic · x²` beside the declared `k x`: the odd term is symmetric, the even
+//! one makes one direction stiffer than the other (gas trapped in one line, fibres that take up
+//! load one after another, a position measured from another zero: a shift by `e` adds
+//! `3 cubic e x²`). Source: Duffing 1918.
+//!
+//! Parameters: `cubic` (N/m³, N·m/rad³ or V⁻²), `quadratic` (N/m², N·m/rad² or V⁻¹), any sign; at
+//! the largest deflection they add from a few per cent to several times the linear force.
+//!
+//! In a residual: plotted over the position, an S (odd) or a parabola (even), without a loop; in
+//! the spectrum, second and third harmonics. Confused with: a compliance outside its tolerance,
+//! backlash.
 
+use super::one_channel::Term;
+use super::search::{SearchRange, each, pairs};
 use super::{Demand, Effect, LineConstants, Link, Moment, Side, effect};
 
 /// Force at the reference deflection, N per line.
@@ -24,6 +42,35 @@ effect! {
     }
     state {
         reference_m: f64 = 1.0;
+    }
+    search {
+        // An odd and an even part.
+        space: |of| {
+            let free = [
+                SearchRange::linear("cubic", -0.9, 10.0),
+                SearchRange::linear("even", -0.95, 0.95),
+            ];
+            let odd = each("cubic", &[0.3, 1.5, -0.2]);
+            let even = pairs(("cubic", &[0.01]), ("even", &[0.25, -0.25]));
+            of.space(free, [odd, even].concat()).with_sizes(2)
+        },
+    }
+    one_channel {
+        rank: 120,
+        words: "a spring that is not linear",
+        experiment: "slow load and unload in steps over the whole travel, both ways: the curve \
+                     itself",
+        applies: |axis| axis.spring,
+        terms: |axis| {
+            let unit = |power| format!("{}/{}{power}", axis.units.force, axis.units.position);
+            vec![Term::free("cubic", unit("³")), Term::free("quadratic", unit("²"))]
+        },
+        force: Some(|now, _, _, out| {
+            let square = now.position * now.position;
+            (out[0], out[1]) = (square * now.position, square);
+        }),
+        // The plant's spring is scaled by a reference force.
+        of_plant: |_| None,
     }
 }
 

@@ -12,6 +12,11 @@ effect! {
         /// Coupling `k`.
         coupling: "N m/V", -10.0, 10.0, 0.05, "assumed";
     }
+    search {
+        space: |of| {
+            of.sizes(of.either("coupling", 20.0), &[1.0]).signed().only_if(of.features.torque)
+        },
+    }
 }
 
 impl Effect for SensorCrosstalk {

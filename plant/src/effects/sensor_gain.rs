@@ -2,6 +2,7 @@
 //!
 //! `τ → (1 + g) τ`.
 
+use super::search::SearchRange;
 use super::{Effect, Moment, Reading, effect};
 
 effect! {
@@ -11,6 +12,13 @@ effect! {
     pub struct SensorGain {
         /// Relative error `g`.
         error: "1", -0.99, 10.0, 0.1, "assumed";
+    }
+    search {
+        // Only a hand reveals a factor.
+        space: |of| of
+            .sizes(SearchRange::linear("error", -0.8, 2.0), &[1.0])
+            .signed()
+            .only_if(of.features.torque && of.features.hand),
     }
 }
 

@@ -12,6 +12,11 @@ effect! {
         /// Offset `o`.
         offset: "N m", -1e3, 1e3, 0.1, "assumed";
     }
+    search {
+        space: |of| {
+            of.sizes(of.either("offset", 20.0), &[1.0]).signed().only_if(of.features.torque)
+        },
+    }
 }
 
 impl Effect for SensorOffset {

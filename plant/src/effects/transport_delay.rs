@@ -15,9 +15,36 @@
 //! error of the extrapolation.
 //!
 //! Source: method of characteristics; Wylie and Streeter, Fluid Transients.
+//!
+//! # In a model of one channel
+//!
+//! Dead time between the force and the motion.
+//!
+//! `F(t) = f(t + delay)`, where `f` is the force that the model predicts from the motion: for a
+//! positive delay the motion lags the recorded force (dead time of amplifier, network or position
+//! sensor), for a negative one the force channel lags.
+//!
+//! Parameter: `delay` (s), any sign, at most one period of the cut-off frequency; 0.1 to 20 ms.
+//!
+//! In a residual: an error proportional to the rate of the force. Confused with: a lag of the
+//! amplifier (equal to first order), damping in parallel with a spring, channels that were not
+//! sampled at the same instant. Below one and a half sampling periods it is not reported:
+//! zero-order hold of the command alone delays it by half a period, and computing time in the loop
+//! by one more.
 
 use super::delay_line::DelayLine;
+use super::one_channel::samples::step_of;
+use super::one_channel::{Shape, Term, samples};
+use super::search::{MultiStart, SearchRange};
 use super::{Demand, Effect, LineConstants, Link, Moment, Reading, Side, Site, effect};
+
+/// The experiment that distinguishes a lag from dead time.
+pub(super) const LAG_OR_DEAD_TIME: &str = "steps of the command with the current measured: a lag \
+                                           begins at once, dead time does not; or sines up to the \
+                                           bandwidth: a lag loses amplitude, dead time only phase";
+
+/// Shortest dead time of a line that is searched, in steps: slightly more than one.
+const LEAST_STEPS_OF_LINE: f64 = 1.05;
 
 effect! {
     "transport_delay": "dead time";
@@ -35,6 +62,43 @@ effect! {
         arriving_n: [f64; 2] = [0.0; 2];
         impedance_n_s_per_m: f64 = 1.0;
         spring_rate: f64 = 0.0;
+    }
+    search {
+        space: |of| {
+            let from = |least_s| SearchRange::linear("delay_s", least_s, 0.05);
+            match of.site {
+                Site::Line => of
+                    .sizes(from(LEAST_STEPS_OF_LINE * of.features.step_s), &[0.6, 1.2, 2.0])
+                    .multi_start(MultiStart::Always),
+                _ => of.sizes(from(0.0), &[0.2, 0.6, 2.0]),
+            }
+        },
+        // Late volts and late readings differ by the origin of time alone.
+        equivalent_sites: &[Site::Drive, Site::Sensor],
+    }
+    one_channel {
+        rank: 210,
+        words: "dead time between force and motion",
+        experiment: LAG_OR_DEAD_TIME,
+        uses_model: true,
+        linear: true,
+        shift: |_, shapes| shapes.first().copied(),
+        terms: |_| vec![Term::given()],
+        shapes: |axis| {
+            let longest = 1.0 / axis.cut_off;
+            vec![Shape::by_steps("delay", "s", (-longest, longest), 20)]
+        },
+        columns: Some(|view, shapes| {
+            let step = step_of(&view.signals.time).unwrap_or(1.0);
+            let late = samples::shifted(view.model, shapes[0] / step);
+            vec![late.iter().zip(view.model).map(|(late, now)| late - now).collect()]
+        }),
+        deliver: Some(|command, step, _, shapes| samples::shifted(command, -shapes[0] / step)),
+        // The plant's line carries waves.
+        of_plant: |fit| {
+            let renamed = fit.renamed(&[("delay", "delay_s")]);
+            renamed.filter(|_| fit.site == Site::Drive.name())
+        },
     }
 }
 
@@ -59,6 +123,10 @@ impl Effect for TransportDelay {
             rate_rad_s: if self.site == Site::Line { self.spring_rate } else { 0.0 },
             ..Demand::default()
         }
+    }
+
+    fn delay_of_all_readings_s(&self) -> Option<f64> {
+        (self.site == Site::Sensor).then_some(self.delay_s)
     }
 
     fn amplifier(&mut self, volts: f64, moment: &Moment) -> f64 {

@@ -1,4 +1,4 @@
-//! Zero-phase low-pass and derivatives of uniformly sampled signals.
+//! Zero-phase low-pass of uniformly sampled signals.
 //!
 //! The filter is a Butterworth low-pass of order 4 (two second-order sections, bilinear transform,
 //! cut-off pre-warped), run forward and then backward over the record. "Order 4" is the order of
@@ -90,30 +90,6 @@ impl Section {
     }
 }
 
-/// First and second derivatives by five-point central differences with the sampling interval `step`
-/// (s).
-///
-/// The relative error is `(ωh)⁴/30` and `(ωh)⁴/90`: below 2e-4 at 40 Hz and 1 kHz. The two samples
-/// at each end repeat their neighbour; they lie within the filter's settling.
-pub fn derivatives(signal: &[f64], step: f64) -> (Vec<f64>, Vec<f64>) {
-    let n = signal.len();
-    let (mut first, mut second) = (vec![0.0; n], vec![0.0; n]);
-    if n < 5 {
-        return (first, second);
-    }
-    for i in 2..n - 2 {
-        let (a, b, c, d, e) =
-            (signal[i - 2], signal[i - 1], signal[i], signal[i + 1], signal[i + 2]);
-        first[i] = (a - e + 8.0 * (d - b)) / (12.0 * step);
-        second[i] = (16.0 * (b + d) - a - e - 30.0 * c) / (12.0 * step * step);
-    }
-    for values in [&mut first, &mut second] {
-        (values[0], values[1]) = (values[2], values[2]);
-        (values[n - 1], values[n - 2]) = (values[n - 3], values[n - 3]);
-    }
-    (first, second)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -170,25 +146,6 @@ mod tests {
         for (a, b) in filter.run(&signal)[settled..3000 - settled].iter().zip(&reversed[settled..])
         {
             assert!((a - b).abs() < 1e-6, "{a} {b}");
-        }
-    }
-
-    #[test]
-    fn derivatives_converge_with_fourth_order() {
-        let error = |step: f64| {
-            let n = (2.0 / step) as usize;
-            let wave: Vec<f64> = (0..n).map(|i| (9.0 * step * i as f64).sin()).collect();
-            let (first, second) = derivatives(&wave, step);
-            (2..n - 2).fold((0.0f64, 0.0f64), |(worst1, worst2), i| {
-                let phase = 9.0 * step * i as f64;
-                let one = (first[i] - 9.0 * phase.cos()).abs();
-                let two = (second[i] + 81.0 * phase.sin()).abs();
-                (worst1.max(one), worst2.max(two))
-            })
-        };
-        let (coarse, fine) = (error(0.01), error(0.005));
-        for ratio in [coarse.0 / fine.0, coarse.1 / fine.1] {
-            assert!((ratio.log2() - 4.0).abs() < 0.1, "observed order {}", ratio.log2());
         }
     }
 

@@ -1,5 +1,7 @@
 //! Measured columns, and the checks that are common to all models.
 
+pub use plant::effects::one_channel::samples::step_of;
+
 use crate::equation_error::block_roles::Role;
 use crate::error::{IdentifyError, Result};
 
@@ -14,12 +16,6 @@ pub struct Series {
     pub role: Option<Role>,
     /// Remarks of the reader.
     pub notes: Vec<String>,
-}
-
-/// Mean time between rows (s); `None` for fewer than two rows.
-pub fn step_of(time: &[f64]) -> Option<f64> {
-    let steps = time.len().checked_sub(1).filter(|steps| *steps > 0)?;
-    Some((time[steps] - time[0]) / steps as f64)
 }
 
 /// Largest relative deviation of a time step from the median.

@@ -6,9 +6,9 @@
 //! selection. It may also report that nothing is missing, or that an unlisted effect is.
 //!
 //! The cores are pure functions on columns of numbers: [`models`] holds one file for each kind of
-//! model behind [`models::Model`], [`effects`] one file for each effect of drives, elements and
-//! oscillators (those of transmissions are the plant's). Records are read in [`study::read`] and
-//! [`study::read_mapped`]; all else is read and written in [`run`] only.
+//! model behind [`models::Model`]; effects are the plant's, one file each ([`plant::effects`]).
+//! Records are read in [`study::read`] and [`study::read_mapped`]; all else is read and written in
+//! [`run`] only.
 #![cfg_attr(test, allow(clippy::unwrap_used, clippy::expect_used))]
 
 mod args;

@@ -174,8 +174,8 @@ pub struct EffectParameter {
     pub unit: String,
 }
 
-/// An effect, or a function of a variable, that takes a good part of the error on most blocks and is
-/// not significant.
+/// An effect, or a function of a variable, that takes a good part of the error on most blocks and
+/// is not significant.
 #[derive(Clone, Debug, Serialize)]
 pub struct Unsettled {
     /// Id of the effect, or the variable.

@@ -2,12 +2,13 @@
 //! project.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
+mod one_channel;
+
 use identify::deadline::{Deadline, NEVER};
 use identify::equation_error::block_roles::Role;
-use identify::error::IdentifyError;
 use identify::input::Series;
-use identify::models::{Options, of_kind};
 use identify::outcome::{Outcome, Verdict};
+use one_channel::{Noise, effect, ids, measured, parameter, run, run_until, shipped};
 
 /// What the synthetic machine really has.
 #[derive(Clone, Copy, Default)]
@@ -24,20 +25,6 @@ struct Truth {
 const MASS: f64 = 90.0;
 const VISCOUS: f64 = 210.0;
 const OFFSET: f64 = -3.0;
-
-/// A generator good enough for noise (xorshift64*), summed to be nearly normal.
-struct Noise(u64);
-impl Noise {
-    fn uniform(&mut self) -> f64 {
-        self.0 ^= self.0 >> 12;
-        self.0 ^= self.0 << 25;
-        self.0 ^= self.0 >> 27;
-        (self.0.wrapping_mul(0x2545_F491_4F6C_DD1D) >> 11) as f64 / (1u64 << 53) as f64
-    }
-    fn normal(&mut self) -> f64 {
-        (0..12).map(|_| self.uniform()).sum::<f64>() - 6.0
-    }
-}
 
 /// A carriage under position control, 500 Hz, 16 s: semi-implicit Euler at 20 kHz (the force too,
 /// so that no sample and hold stands between force and motion), dry friction as an impulse that
@@ -84,58 +71,22 @@ fn record(truth: Truth, seed: u64) -> Series {
 }
 
 fn rig(mass_tolerance: f64) -> rig::Model {
-    let parameter = |name: &str, value, tolerance, absolute| rig::Parameter {
-        name: name.into(),
-        value,
-        tolerance,
-        tolerance_absolute: absolute,
-        source: rig::ParameterSource::Assumed,
-    };
-    rig::Model {
-        kind: rig::ModelKind::Drive,
-        force: None,
-        parameters: vec![
-            parameter("mass_kg", 95.0, mass_tolerance, None),
-            parameter("viscous_friction_n_s_per_m", 200.0, 1.0, None),
-            parameter("force_offset_n", 0.0, 0.0, Some(10.0)),
-        ],
-        effects: Vec::new(),
-        handle_coupling: Vec::new(),
-    }
-}
-
-fn identify(records: &[Series], rig: &rig::Model) -> Result<Outcome, IdentifyError> {
-    identify_until(&NEVER, records, rig).map(|(outcome, _)| outcome)
-}
-
-/// The outcome, and the text of its page, which every outcome must make.
-fn identify_until(
-    deadline: &Deadline,
-    records: &[Series],
-    rig: &rig::Model,
-) -> Result<(Outcome, String), IdentifyError> {
-    let model = of_kind(rig::ModelKind::Drive);
-    let options = Options {
-        seed: 1,
-        gear: 1.0,
-        slave_count_rad: None,
-        capability: None,
-        propose: false,
-        calibrate: 0,
-        deadline,
-    };
-    let (outcome, page) = model.identify("rig.toml", rig, records, options)?;
-    Ok((outcome, page.render().unwrap()))
+    let parameters = vec![
+        parameter("mass_kg", 95.0, mass_tolerance, None),
+        parameter("viscous_friction_n_s_per_m", 200.0, 1.0, None),
+        parameter("force_offset_n", 0.0, 0.0, Some(10.0)),
+    ];
+    one_channel::rig(rig::ModelKind::Drive, parameters)
 }
 
 #[test]
 fn a_search_that_was_cut_short_decides_nothing_and_says_so() {
     let records = [record(Truth { coulomb: 20.0, ..Truth::default() }, 3)];
-    let (whole, page) = identify_until(&NEVER, &records, &rig(0.25)).unwrap();
+    let (whole, page) = run_until(&NEVER, &rig(0.25), &records).unwrap();
     let text = serde_json::to_value(&whole).unwrap();
     assert!(!whole.early && text.get("early").is_none() && !page.contains("early"));
 
-    let (early, page) = identify_until(&Deadline::when(|| true), &records, &rig(0.25)).unwrap();
+    let (early, page) = run_until(&Deadline::when(|| true), &rig(0.25), &records).unwrap();
     assert_eq!((early.verdict, early.early), (Verdict::Undecided, true));
     assert!(early.effects.is_empty() && early.notes.iter().any(|note| note.contains("--limit-s")));
     let text = serde_json::to_value(&early).unwrap();
@@ -143,18 +94,9 @@ fn a_search_that_was_cut_short_decides_nothing_and_says_so() {
     assert!(page.contains("This answer is early"));
 }
 
-fn ids(outcome: &Outcome) -> Vec<&str> {
-    outcome.effects.iter().map(|e| e.id.as_str()).collect()
-}
-
 /// Whether a value lies within `n` of its stated standard deviations of the truth.
 fn within(value: f64, std: f64, truth: f64, n: f64) -> bool {
     (value - truth).abs() < n * std
-}
-
-fn effect(outcome: &Outcome, name: &str) -> (f64, f64) {
-    let all = outcome.effects.iter().flat_map(|e| &e.parameters);
-    all.filter(|p| p.name == name).map(|p| (p.value, p.std.unwrap_or(f64::NAN))).next().unwrap()
 }
 
 fn declared(outcome: &Outcome, name: &str) -> (f64, f64) {
@@ -165,7 +107,7 @@ fn declared(outcome: &Outcome, name: &str) -> (f64, f64) {
 #[test]
 fn nothing_is_found_where_nothing_is_missing() {
     for seed in 1..=20 {
-        let outcome = identify(&[record(Truth::default(), seed)], &rig(0.25)).unwrap();
+        let outcome = run(&rig(0.25), &[record(Truth::default(), seed)]).unwrap();
         assert_eq!(
             outcome.verdict,
             Verdict::None,
@@ -182,7 +124,7 @@ fn nothing_is_found_where_nothing_is_missing() {
 #[test]
 fn coulomb_friction_is_found_with_its_size() {
     let outcome =
-        identify(&[record(Truth { coulomb: 20.0, ..Truth::default() }, 3)], &rig(0.25)).unwrap();
+        run(&rig(0.25), &[record(Truth { coulomb: 20.0, ..Truth::default() }, 3)]).unwrap();
     assert_eq!(outcome.verdict, Verdict::Effect, "{:?}", outcome.candidates);
     assert_eq!(ids(&outcome), ["coulomb_friction"]);
     let (coulomb, std) = effect(&outcome, "coulomb");
@@ -198,7 +140,7 @@ fn coulomb_friction_is_found_with_its_size() {
 #[test]
 fn asymmetric_friction_is_found_after_coulomb_friction() {
     let truth = Truth { coulomb: 20.0, viscous_difference: -60.0, ..Truth::default() };
-    let outcome = identify(&[record(truth, 4)], &rig(0.25)).unwrap();
+    let outcome = run(&rig(0.25), &[record(truth, 4)]).unwrap();
     assert_eq!(
         ids(&outcome),
         ["coulomb_friction", "asymmetric_friction"],
@@ -212,7 +154,7 @@ fn asymmetric_friction_is_found_after_coulomb_friction() {
 #[test]
 fn stribeck_friction_is_found_after_coulomb_friction() {
     let truth = Truth { coulomb: 15.0, stribeck: 20.0, stribeck_speed: 0.02, ..Truth::default() };
-    let outcome = identify(&[record(truth, 5)], &rig(0.25)).unwrap();
+    let outcome = run(&rig(0.25), &[record(truth, 5)]).unwrap();
     assert_eq!(
         ids(&outcome),
         ["coulomb_friction", "stribeck_friction"],
@@ -227,8 +169,7 @@ fn stribeck_friction_is_found_after_coulomb_friction() {
 
 #[test]
 fn an_unlisted_effect_is_reported_as_unlisted() {
-    let outcome =
-        identify(&[record(Truth { bump: 12.0, ..Truth::default() }, 6)], &rig(0.25)).unwrap();
+    let outcome = run(&rig(0.25), &[record(Truth { bump: 12.0, ..Truth::default() }, 6)]).unwrap();
     assert_eq!(outcome.verdict, Verdict::Unlisted, "{:?}", outcome.candidates);
     let unlisted = outcome.unlisted.unwrap();
     assert_eq!(unlisted.depends_on, "position");
@@ -237,11 +178,11 @@ fn an_unlisted_effect_is_reported_as_unlisted() {
 #[test]
 fn a_heavier_mass_is_an_effect_outside_its_tolerance_and_calibration_inside() {
     let heavy = record(Truth { mass_factor: 1.5, ..Truth::default() }, 7);
-    let outcome = identify(std::slice::from_ref(&heavy), &rig(0.1)).unwrap();
+    let outcome = run(&rig(0.1), std::slice::from_ref(&heavy)).unwrap();
     assert_eq!(ids(&outcome), ["extra_inertia"], "{:?}", outcome.candidates);
     let (extra, std) = effect(&outcome, "mass_beyond_declared");
     assert!(within(extra, std, 1.5 * MASS - 95.0, 4.5), "{extra} ± {std}");
-    let outcome = identify(&[heavy], &rig(0.6)).unwrap();
+    let outcome = run(&rig(0.6), &[heavy]).unwrap();
     assert_eq!(outcome.verdict, Verdict::None, "{:?}", ids(&outcome));
 }
 
@@ -249,7 +190,7 @@ fn a_heavier_mass_is_an_effect_outside_its_tolerance_and_calibration_inside() {
 fn whole_records_have_whole_roles() {
     let records: Vec<Series> =
         (1..=3).map(|s| record(Truth { coulomb: 20.0, ..Truth::default() }, s)).collect();
-    let outcome = identify(&records, &rig(0.25)).unwrap();
+    let outcome = run(&rig(0.25), &records).unwrap();
     assert_eq!(ids(&outcome), ["coulomb_friction"]);
     assert_eq!(outcome.records.fit, ["synthetic-1.csv"]);
     assert_eq!(outcome.records.select, ["synthetic-2.csv"]);
@@ -262,7 +203,7 @@ fn unusable_data_are_refused_with_a_reason() {
     let broken = |change: &dyn Fn(&mut Series)| {
         let mut series = good.clone();
         change(&mut series);
-        identify(&[series], &rig(0.25)).unwrap_err().to_string()
+        run(&rig(0.25), &[series]).unwrap_err().to_string()
     };
     let scaled = |column: usize, factor: f64| {
         broken(&move |s: &mut Series| s.columns[column].1.iter_mut().for_each(|v| *v *= factor))
@@ -282,21 +223,8 @@ fn unusable_data_are_refused_with_a_reason() {
 
 #[test]
 fn the_measured_emps_record_gives_the_published_figures() {
-    let root = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
-    let path = root.join("../shared/data/emps_train.csv");
-    if !path.exists() {
-        eprintln!(
-            "SKIPPED: {} is not there; the measured EMPS record took no part in this test",
-            path.display()
-        );
-        return;
-    }
-    let read = recording::record::from_csv(&path, &recording::record::Options::default()).unwrap();
-    let mut columns = vec![("t_s".to_owned(), read.time_s)];
-    columns.extend(read.columns);
-    let series = Series { file: "emps_train.csv".into(), columns, role: None, notes: Vec::new() };
-    let rig = rig::RigFile::load(root.join("launch/rigs/emps.toml")).unwrap();
-    let outcome = identify(&[series], &rig.model).unwrap();
+    let Some(series) = measured("emps_train.csv") else { return };
+    let outcome = run(&shipped("emps.toml"), &[series]).unwrap();
     assert_eq!(
         ids(&outcome),
         ["coulomb_friction", "asymmetric_friction"],
@@ -342,7 +270,7 @@ fn a_record_too_short_to_select_on_is_refused() {
     // 0.6 s once the ends are off, a single block: of its gain no error can be told, and anything
     // would pass.
     let records = [part(8000, Role::Fit), part(400, Role::Select), part(8000, Role::Report)];
-    let error = identify(&records, &rig(0.25)).unwrap_err().to_string();
+    let error = run(&rig(0.25), &records).unwrap_err().to_string();
     assert!(
         error.contains("select.csv")
             && error.contains("0.60 s to select on")
@@ -357,7 +285,7 @@ fn effects_of_an_amplifier_are_no_candidates_where_the_force_is_measured() {
     let amplifier = |force| {
         let model = rig::Model { force, ..rig(0.25) };
         let series = record(Truth { coulomb: 20.0, ..Truth::default() }, 9);
-        let outcome = identify(&[series], &model).unwrap();
+        let outcome = run(&model, &[series]).unwrap();
         assert_eq!(ids(&outcome), ["coulomb_friction"], "{force:?}");
         outcome.candidates.iter().any(|candidate| candidate.id.starts_with("amplifier_"))
     };
@@ -370,7 +298,7 @@ fn a_rotary_drive_is_declared_in_its_units_or_in_those_of_a_linear_one() {
     let mut series = record(Truth { coulomb: 20.0, ..Truth::default() }, 9);
     series.columns[1].0 = "position_rad".into();
     series.columns[2].0 = "torque_nm".into();
-    let linear = identify(std::slice::from_ref(&series), &rig(0.25)).unwrap();
+    let linear = run(&rig(0.25), std::slice::from_ref(&series)).unwrap();
     let note = "declared for a linear axis, taken in the units of torque_nm: mass_kg (kg·m²)";
     assert!(linear.notes.iter().any(|own| own.starts_with(note)), "{:?}", linear.notes);
     let mut declared = rig(0.25);
@@ -378,19 +306,19 @@ fn a_rotary_drive_is_declared_in_its_units_or_in_those_of_a_linear_one() {
     for (parameter, name) in declared.parameters.iter_mut().zip(names) {
         parameter.name = name.into();
     }
-    let rotary = identify(std::slice::from_ref(&series), &declared).unwrap();
+    let rotary = run(&declared, std::slice::from_ref(&series)).unwrap();
     assert!(rotary.notes.iter().all(|note| !note.starts_with("declared for")));
     assert_eq!(ids(&rotary), ids(&linear));
     assert_eq!(rotary.error["torque_nm"].after, linear.error["torque_nm"].after);
     // Of both names that of the record's unit counts.
     declared.parameters.splice(0..0, rig(0.25).parameters);
-    let both = identify(&[series], &declared).unwrap();
+    let both = run(&declared, &[series]).unwrap();
     assert_eq!(both.parameters[0].name, "inertia_kg_m2");
 }
 
 #[test]
 fn a_tolerance_above_the_value_leaves_a_mass_positive() {
-    let outcome = identify(&[record(Truth::default(), 2)], &rig(3.0)).unwrap();
+    let outcome = run(&rig(3.0), &[record(Truth::default(), 2)]).unwrap();
     assert_eq!(outcome.verdict, Verdict::None, "{:?}", ids(&outcome));
     let (mass, std) = declared(&outcome, "mass_kg");
     assert!(within(mass, std, MASS, 4.5), "{mass} ± {std}");
@@ -409,7 +337,7 @@ fn a_still_tail_carries_no_role_alone() {
             _ => last,
         }));
     }
-    let outcome = identify(std::slice::from_ref(&series), &rig(0.25)).unwrap();
+    let outcome = run(&rig(0.25), std::slice::from_ref(&series)).unwrap();
     assert!(!outcome.effects.is_empty() || outcome.verdict == Verdict::Inadequate);
     let note = |outcome: &Outcome, end: &str| outcome.notes.iter().any(|note| note.ends_with(end));
     // Whole records that stand still are left out.
@@ -420,12 +348,12 @@ fn a_still_tail_carries_no_role_alone() {
     let mut records: Vec<Series> = moving.collect();
     still.columns[1].1.iter_mut().zip(0..).for_each(|(x, row)| *x += 1e-7 * f64::from(row % 12));
     records.push(still);
-    let outcome = identify(&records, &rig(0.25)).unwrap();
+    let outcome = run(&rig(0.25), &records).unwrap();
     assert!(note(&outcome, "still.csv is left out: nothing moves"), "{:?}", outcome.notes);
     assert_eq!(ids(&outcome), ["coulomb_friction"]);
     // Too little of a record moves.
     series.columns.iter_mut().for_each(|(_, values)| *values = values.split_off(2500));
-    let error = identify(&[series], &rig(0.25)).unwrap_err().to_string();
+    let error = run(&rig(0.25), &[series]).unwrap_err().to_string();
     assert!(error.contains("stretches move") && error.contains("9 stretches"), "{error}");
 }
 
@@ -442,7 +370,7 @@ fn short(seed: u64, seconds: f64, every: usize) -> Series {
 #[test]
 fn a_record_of_five_seconds_fits_selects_and_reports() {
     for seed in 1..=3 {
-        let outcome = identify(&[short(seed, 4.7, 1)], &rig(0.25)).unwrap();
+        let outcome = run(&rig(0.25), &[short(seed, 4.7, 1)]).unwrap();
         // Three blocks prove less than ten: nothing may be named, and dry friction may go by the
         // name of presliding.
         let found = ids(&outcome);
@@ -453,7 +381,7 @@ fn a_record_of_five_seconds_fits_selects_and_reports() {
             outcome.candidates
         );
     }
-    let error = identify(&[short(1, 4.0, 1)], &rig(0.25)).unwrap_err().to_string();
+    let error = run(&rig(0.25), &[short(1, 4.0, 1)]).unwrap_err().to_string();
     for part in ["4.00 s (2001 rows)", "expected 4.6 s for 9 stretches", "three records of 1.4 s"] {
         assert!(error.contains(part), "{part}: {error}");
     }
@@ -464,11 +392,11 @@ fn records_of_two_seconds_are_enough_where_there_are_several() {
     // Below the cut-off's highest value blocks are longer, and one record has two of them.
     for (count, every) in [(3, 1), (6, 2)] {
         let records: Vec<Series> = (1..=count).map(|seed| short(seed, 2.0, every)).collect();
-        let outcome = identify(&records, &rig(0.25)).unwrap();
+        let outcome = run(&rig(0.25), &records).unwrap();
         assert_eq!(ids(&outcome), ["coulomb_friction"], "{count}: {:?}", outcome.candidates);
         let (coulomb, _) = effect(&outcome, "coulomb");
         assert!((coulomb - 20.0).abs() < 3.0, "{count}: {coulomb}");
     }
     let two: Vec<Series> = [short(1, 3.4, 1), short(2, 2.0, 1)].into();
-    assert_eq!(ids(&identify(&two, &rig(0.25)).unwrap()), ["coulomb_friction"]);
+    assert_eq!(ids(&run(&rig(0.25), &two).unwrap()), ["coulomb_friction"]);
 }

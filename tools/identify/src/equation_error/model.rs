@@ -47,6 +47,7 @@ impl Column {
             Declared::Mass => Self::Acceleration,
             Declared::Viscous => Self::Velocity,
             Declared::Stiffness => Self::Position,
+            Declared::Coulomb => Self::Sign,
         }
     }
 
@@ -191,7 +192,7 @@ impl RegressionModel {
     fn full_columns(
         &self,
         effect: &dyn Regressor,
-        view: &View<'_>,
+        (signals, view): (&Signals, &View<'_>),
         shapes: &[f64],
     ) -> Vec<Vec<f64>> {
         if self.frees(effect) {
@@ -200,7 +201,7 @@ impl RegressionModel {
         let columns = effect.columns(view, shapes);
         match effect.declaration().linear {
             true => columns,
-            false => columns.iter().map(|c| view.signals.low_passed(c)).collect(),
+            false => columns.iter().map(|c| signals.low_passed(c)).collect(),
         }
     }
 
@@ -218,7 +219,9 @@ impl RegressionModel {
         let view = View { signals, sign, model, axis: &self.axis };
         let effects = structure.effects.iter().zip(self.places(structure)).skip(first);
         effects
-            .flat_map(|(effect, place)| self.full_columns(*effect, &view, &shapes[place]))
+            .flat_map(|(effect, place)| {
+                self.full_columns(*effect, (signals, &view), &shapes[place])
+            })
             .map(|column| signals.rows(&column))
             .collect()
     }
@@ -266,7 +269,8 @@ impl RegressionModel {
                 // A clipped command is not a force required by the motion.
                 if !effect.declaration().uses_model && !terms.iter().any(Term::is_given) {
                     let view = View { signals, sign: &sign, model: &[], axis: &self.axis };
-                    let columns = self.full_columns(*effect, &view, &fitted.shapes[place.clone()]);
+                    let shapes = &fitted.shapes[place.clone()];
+                    let columns = self.full_columns(*effect, (signals, &view), shapes);
                     for (i, column) in columns.iter().enumerate() {
                         add(fitted.fit.coefficients[at + i], column);
                     }

@@ -1,6 +1,11 @@
 //! Rows of a regression from measured position and force.
 
-use crate::filter::{ZeroPhase, derivatives};
+use std::ops::Deref;
+
+use plant::effects::one_channel::Motion;
+use plant::effects::one_channel::samples::derivatives;
+
+use crate::filter::ZeroPhase;
 use crate::spectral::{LowPass, Spectrum};
 
 /// Row rate after the low-pass, in cut-off frequencies.
@@ -21,19 +26,11 @@ enum Filter {
     Spectral(LowPass),
 }
 
-/// Filtered motion of one record at its full rate.
+/// Filtered motion of one record, and how its rows are taken.
 #[derive(Clone, Debug)]
 pub struct Signals {
-    /// Time (s).
-    pub time: Vec<f64>,
-    /// Position, low-passed (m or rad).
-    pub position: Vec<f64>,
-    /// Velocity: derivative of the low-passed position (m/s or rad/s).
-    pub velocity: Vec<f64>,
-    /// Acceleration: second derivative of the low-passed position.
-    pub acceleration: Vec<f64>,
-    /// Force as recorded (N or N·m).
-    pub force: Vec<f64>,
+    /// Motion at the full rate.
+    pub motion: Motion,
     filter: Filter,
     settling: usize,
     stride: usize,
@@ -80,12 +77,10 @@ impl ForceBalance {
         let stride = ((sampling / (ROWS_PER_CUT_OFF * cut_off)).floor() as usize).max(1);
         let position = filter.run(position);
         let (velocity, acceleration) = derivatives(&position, step);
+        let time = time.to_vec();
+        let force = force.to_vec();
         let signals = Signals {
-            time: time.to_vec(),
-            position,
-            velocity,
-            acceleration,
-            force: force.to_vec(),
+            motion: Motion { time, position, velocity, acceleration, force },
             settling: filter.settling(),
             filter: Filter::ZeroPhase(filter),
             stride,
@@ -119,13 +114,15 @@ impl ForceBalance {
         let low_pass = LowPass { cut_off, sampling: sampling * FINER as f64 };
         let derivative = |order| motion.wave(FINER, order, sampling, |f| low_pass.weight(f));
         let signals = Signals {
-            time: (0..(time.len() - 1) * FINER + 1)
-                .map(|i| first + i as f64 * step / FINER as f64)
-                .collect(),
-            position: derivative(0)?,
-            velocity: derivative(1)?,
-            acceleration: derivative(2)?,
-            force: Spectrum::of(force)?.wave(FINER, 0, sampling, |_| 1.0)?,
+            motion: Motion {
+                time: (0..(time.len() - 1) * FINER + 1)
+                    .map(|i| first + i as f64 * step / FINER as f64)
+                    .collect(),
+                position: derivative(0)?,
+                velocity: derivative(1)?,
+                acceleration: derivative(2)?,
+                force: Spectrum::of(force)?.wave(FINER, 0, sampling, |_| 1.0)?,
+            },
             // Rows must be sampling instants.
             settling: low_pass.settling().next_multiple_of(FINER),
             filter: Filter::Spectral(low_pass),
@@ -143,6 +140,14 @@ impl ForceBalance {
     pub fn row_step(&self) -> f64 {
         let s = &self.signals;
         s.stride as f64 * (s.time[s.time.len() - 1] - s.time[0]) / (s.time.len() - 1) as f64
+    }
+}
+
+impl Deref for Signals {
+    type Target = Motion;
+
+    fn deref(&self) -> &Motion {
+        &self.motion
     }
 }
 
@@ -180,16 +185,13 @@ impl Signals {
     }
 
     /// The rows alone, as signals at the row rate, for a coarse screening.
-    pub fn thin(&self) -> Self {
-        Self {
+    pub fn thin(&self) -> Motion {
+        Motion {
             time: self.rows(&self.time),
             position: self.rows(&self.position),
             velocity: self.rows(&self.velocity),
             acceleration: self.rows(&self.acceleration),
             force: self.rows(&self.force),
-            filter: self.filter,
-            settling: 0,
-            stride: 1,
         }
     }
 

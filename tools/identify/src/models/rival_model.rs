@@ -1,6 +1,6 @@
 //! The fitted model in which a rival replaces an effect.
 
-use plant::effects::Site;
+use plant::effects::{Site, entry};
 
 use super::transmission_study::Study;
 use crate::equation_error::block_roles::Role;
@@ -8,7 +8,6 @@ use crate::prediction_error::candidates::{Candidate, candidates, free_parameters
 use crate::prediction_error::fit::{Dataset, Fitted};
 use crate::prediction_error::free_parameter::FreeParameter;
 use crate::prediction_error::record_features::record_features;
-use crate::prediction_error::search::WHICH_ENCODER;
 use crate::prediction_error::transmission_model::{PlacedEffect, Setting};
 
 /// Fits the model with the effect at index `at` replaced by a rival to the same records; returns it
@@ -32,15 +31,15 @@ pub(super) fn rival_of(
         });
         [Some(start.clone()), candidate.quadrature(start), sign_flipped]
     });
-    // An effect that is its own rival acts on the other encoder.
-    let encoder = |placed: &PlacedEffect| {
-        placed.values.iter().find(|(name, _)| *name == WHICH_ENCODER).map(|(_, which)| *which)
+    // An effect that is its own rival acts on the other instrument.
+    let instrument = |placed: &PlacedEffect| {
+        entry(placed.id)?.search.choice.and_then(|choice| placed.value(choice.parameter))
     };
     let own = &now.setting.placed[at];
     let another = |placed: &PlacedEffect| {
         (placed.id, placed.site) != (own.id, own.site)
-            || encoder(placed).is_none()
-            || encoder(placed) != encoder(own)
+            || instrument(placed).is_none()
+            || instrument(placed) != instrument(own)
     };
     let starts: Vec<Fitted> = placed
         .flatten()

@@ -4,7 +4,7 @@ use plant::effects::Site;
 use report::Tone;
 
 use super::bootstrap;
-use super::effect_descriptions::{OTHER_ENCODER, words};
+use super::effect_descriptions::{other_instrument, words};
 use crate::effects::find;
 use crate::outcome::{AtBounds, Named, Outcome, UnlistedTable, Unsettled, Verdict};
 use crate::outcome_tables::short;
@@ -115,7 +115,7 @@ fn verdict(outcome: &Outcome, located: bool) -> (Tone, String) {
                 outcome.effects.iter().any(|own| (&own.id, &own.site) == (&rival.id, &rival.site))
             };
             let other = |rival: &Named| match is_itself(rival) {
-                true => OTHER_ENCODER.to_owned(),
+                true => other_instrument(&rival.id).to_owned(),
                 false => named(&rival.id, &rival.site),
             };
             let others: Vec<String> = outcome.ambiguous_with.iter().map(other).collect();
@@ -171,8 +171,8 @@ fn not_settled(unsettled: &Unsettled) -> String {
     let what = find(id).map_or_else(|| format!("a function of {id}"), |own| own.words.to_owned());
     format!(
         "These records do not settle whether something is missing: {what} would take \
-         {gain_percent:.0} % of the error and improves {blocks_better} of {blocks} blocks, which is \
-         not significant."
+         {gain_percent:.0} % of the error and improves {blocks_better} of {blocks} blocks, which \
+         is not significant."
     )
 }
 

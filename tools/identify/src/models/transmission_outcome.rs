@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 
 use plant::effects::Site;
+use plant::effects::search::SearchRange;
 use report::Page;
 
 use super::candidate_movements::RigCapability;
@@ -17,7 +18,7 @@ use crate::outcome::{
     Verdict,
 };
 use crate::prediction_error::fit::Dataset;
-use crate::prediction_error::free_parameter::{AT_BOUND, FreeParameter, SearchRange};
+use crate::prediction_error::free_parameter::{AT_BOUND, FreeParameter};
 use crate::prediction_error::identifiability::{Sensitivity, sensitivities};
 use crate::prediction_error::nonparametric::NODES;
 use crate::prediction_error::nonparametric_search::UnlistedFunction;

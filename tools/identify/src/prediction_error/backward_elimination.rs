@@ -1,6 +1,6 @@
 //! Backward elimination and substitution of effects that were added too early.
 
-use plant::effects::Site;
+use plant::effects::{Site, entry};
 use rayon::prelude::*;
 
 use super::fit::{Dataset, Fitted};
@@ -128,20 +128,15 @@ pub fn single_effect_models(
     Some(found)
 }
 
-/// Whether two effects are equivalent on every record: delayed motor voltage and delayed sensors
-/// differ only in the choice of the time origin, apart from numerics.
+/// Whether two effects are equivalent on every record, apart from numerics.
 fn are_equivalent(one: (&str, Site), other: (&str, Site)) -> bool {
-    let late = |(id, site): (&str, Site)| {
-        id == "transport_delay" && matches!(site, Site::Drive | Site::Sensor)
-    };
-    late(one) && late(other)
+    let at = |site| entry(one.0).is_some_and(|own| own.search.equivalent_sites.contains(&site));
+    one.0 == other.0 && at(one.1) && at(other.1)
 }
 
 /// Returns the site at which an effect would be equivalent.
 pub fn equivalent_site((id, site): (&str, Site)) -> Option<Site> {
-    [Site::Drive, Site::Sensor]
-        .into_iter()
-        .find(|other| *other != site && are_equivalent((id, site), (id, *other)))
+    entry(id)?.search.equivalent_site(site)
 }
 
 /// Returns at most two of some models that the selecting records cannot distinguish from the effect

@@ -3,6 +3,8 @@
 
 use std::f64::consts::TAU;
 
+use plant::effects::search::{PHASE, Scaling, SearchRange};
+
 use super::record::Record;
 use super::transmission_model::{Setting, TransmissionModel};
 
@@ -21,32 +23,6 @@ pub const NODE_BOUND: f64 = 40.0;
 
 /// Phase by which a frequency's perturbation shifts the last record against the first (turns).
 const PHASE_SHIFT: f64 = 0.03;
-
-/// A free parameter of an effect, with its bounds.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct SearchRange {
-    /// Its name.
-    pub name: &'static str,
-    /// Least value.
-    pub low: f64,
-    /// Greatest value.
-    pub high: f64,
-    /// Scale on which it is searched.
-    pub scaling: Scaling,
-}
-
-/// The scale on which a parameter is searched, which also sets its finite-difference step.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Scaling {
-    /// Linear, with steps relative to the value.
-    Linear,
-    /// Logarithmic.
-    Logarithmic,
-    /// Logarithmic, a frequency in time: the step is a small phase over all records.
-    Frequency,
-    /// Logarithmic, waves per turn: the step is a small phase over a movement.
-    SpatialFrequency,
-}
 
 /// One parameter that a fit varies.
 #[derive(Clone, Debug, PartialEq)]
@@ -108,7 +84,7 @@ impl FreeParameter {
             }
             Self::Phasor { placed, name, part, .. } => {
                 let placed = &setting.placed[*placed];
-                let phase = placed.value("phase").unwrap_or_default();
+                let phase = placed.value(PHASE).unwrap_or_default();
                 placed.value(name).unwrap_or_default()
                     * if *part == 0 { phase.cos() } else { phase.sin() }
             }
@@ -135,7 +111,7 @@ impl FreeParameter {
                     .value(setting);
                 let (cosine, sine) = if *part == 0 { (value, other) } else { (other, value) };
                 into(setting, *placed, name, cosine.hypot(sine).min(*most));
-                into(setting, *placed, "phase", sine.atan2(cosine));
+                into(setting, *placed, PHASE, sine.atan2(cosine));
             }
             Self::Node { node, .. } => {
                 if let Some(table) = setting.tables.last_mut() {

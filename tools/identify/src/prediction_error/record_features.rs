@@ -1,36 +1,13 @@
 //! Features of records and residuals, for the initial values of candidate effects: spectral lines,
 //! orders, ranges.
 
+use plant::effects::search::RecordFeatures;
 use rayon::prelude::*;
 
 use super::fit::{Dataset, Fitted};
-use super::record::Record;
+use super::record::{PACE_S, Record};
 use super::transmission_model::Channel;
 use crate::spectral::transform;
-
-/// Features of the records, of all roles, from which initial values of candidate effects are
-/// derived.
-#[derive(Clone, Debug, Default)]
-pub struct RecordFeatures {
-    /// Largest motor voltage (V).
-    pub volts: f64,
-    /// Spectral lines in the residuals of master and slave (Hz).
-    pub lines_hz: [Vec<f64>; 2],
-    /// Mains frequencies, and the spectral lines in the residual of the torque channel (Hz).
-    pub hum_hz: Vec<f64>,
-    /// Prominent orders of the master's residual over the motor angle (waves per turn of 2π rad).
-    pub orders: Vec<f64>,
-    /// Encoder resolution of master and slave (rad per count).
-    pub count_rad: [f64; 2],
-    /// Whether any record has the hand torque.
-    pub torque: bool,
-    /// Whether a hand drives the handle in any record.
-    pub hand: bool,
-    /// Whether the torque channel shows magnitudes only.
-    pub rectified: bool,
-    /// Whether every record has the slave's position.
-    pub slave: bool,
-}
 
 /// Returns the features of records and residuals.
 pub fn record_features(dataset: &Dataset<'_>, fitted: &Fitted) -> RecordFeatures {
@@ -51,6 +28,7 @@ pub fn record_features(dataset: &Dataset<'_>, fitted: &Fitted) -> RecordFeatures
     let mut hum = vec![50.0, 60.0];
     hum.extend(lines(&torque, (15.0, 124.0), 2));
     RecordFeatures {
+        step_s: PACE_S,
         volts: records
             .iter()
             .flat_map(|record| &record.volts)

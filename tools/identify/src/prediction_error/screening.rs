@@ -5,6 +5,7 @@
 //! score is the share of the squared residual that it would explain. Nothing is fitted here.
 
 use nalgebra::{DMatrix, DVector};
+use plant::effects::search::PHASE;
 use rayon::prelude::*;
 
 use super::candidates::Candidate;
@@ -168,7 +169,7 @@ fn scaled(candidate: &Candidate, start: &PlacedEffect, factors: &[f64]) -> Place
         for (own, value) in &mut placed.values {
             if *own == name {
                 *value = (*value * cosine.hypot(*sine)).clamp(0.02 * most, most);
-            } else if *own == "phase" {
+            } else if *own == PHASE {
                 *value = sine.atan2(*cosine);
             }
         }

@@ -1,7 +1,8 @@
 //! Stepwise selection of effects: forward rounds that fit, screen, refit and validate candidates,
 //! with backward elimination and substitution after each.
 
-use plant::effects::Site;
+use plant::effects::search::Choice;
+use plant::effects::{Site, entry};
 
 use super::backward_elimination::{
     DISTINCT_GAIN, equivalent_site, redundant_effect, rivals, single_effect_models, substitute,
@@ -36,10 +37,8 @@ const RIVAL_GAIN_SHARE: f64 = 0.25;
 const EQUIVALENT_GAIN_SHARE: f64 = 0.75;
 /// Fit rounds with an equivalent effect.
 const EQUIVALENT_FIT_ROUNDS: usize = 3;
-/// Fit rounds with the other encoder.
-const ENCODER_FIT_ROUNDS: usize = 4;
-/// Parameter of `encoder_eccentricity` that tells which encoder.
-pub const WHICH_ENCODER: &str = "on_master";
+/// Fit rounds with the other instrument.
+const CHOICE_FIT_ROUNDS: usize = 4;
 /// Fit rounds after an effect was withdrawn.
 const WITHDRAWAL_FIT_ROUNDS: usize = 4;
 
@@ -381,21 +380,20 @@ impl Search<'_> {
         Some(())
     }
 
-    /// Compares eccentricity of one encoder with that of the other, which small movements cannot
-    /// distinguish; the other replaces it only if it gains
-    /// [`REPLACEMENT_GAIN`] more.
-    fn compare_encoders(&mut self) -> Option<()> {
+    /// Compares the effect of one instrument with that of the other, where the two are hard to
+    /// distinguish; the other replaces it only if it gains [`REPLACEMENT_GAIN`] more.
+    fn compare_instruments(&mut self) -> Option<()> {
         let mut with = self.select.residuals(&self.now.setting)?;
         for at in 0..self.found.steps.len() {
             let (id, site) = self.found.steps[at].added.effect();
             let mut setting = self.now.setting.clone();
-            let Some(encoder) =
-                setting.placed[at].values.iter_mut().find(|(name, _)| *name == WHICH_ENCODER)
-            else {
-                continue;
-            };
-            encoder.1 = 1.0 - encoder.1;
-            let Some(other) = self.fit.fit(&setting, &self.now.parameters, ENCODER_FIT_ROUNDS)
+            let choice = entry(id).and_then(|entry| entry.search.choice);
+            let instrument = choice.and_then(|Choice { parameter, .. }| {
+                setting.placed[at].values.iter_mut().find(|(name, _)| *name == parameter)
+            });
+            let Some(instrument) = instrument else { continue };
+            instrument.1 = 1.0 - instrument.1;
+            let Some(other) = self.fit.fit(&setting, &self.now.parameters, CHOICE_FIT_ROUNDS)
             else {
                 continue;
             };
@@ -422,7 +420,7 @@ impl Search<'_> {
     /// Decides on adequacy and searches nonparametric functions.
     fn conclude(mut self) -> SearchResult {
         self.name_equivalents();
-        self.compare_encoders();
+        self.compare_instruments();
         if let Some(step) = self.found.steps.last_mut() {
             step.fitted = self.now.clone();
         }

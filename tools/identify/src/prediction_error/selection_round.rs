@@ -1,12 +1,13 @@
 //! One round of the forward selection: the best screened candidates are fitted beside the current
 //! model, first briefly, then to convergence while they are competitive.
 
-use plant::effects::Site;
+use plant::effects::search::{MultiStart, Scaling};
+use plant::effects::{Site, entry};
 use rayon::prelude::*;
 
-use super::candidates::{Candidate, MultiStart, free_parameters_of};
+use super::candidates::{Candidate, free_parameters_of};
 use super::fit::{Dataset, Fitted};
-use super::free_parameter::{AT_BOUND, FreeParameter, Scaling};
+use super::free_parameter::{AT_BOUND, FreeParameter};
 use super::localisation::localise;
 use super::screening::{Projection, ScoredCandidate};
 use super::transmission_model::{PlacedEffect, Residual, Setting, TransmissionModel};
@@ -264,13 +265,15 @@ impl SelectionRound<'_> {
         let (id, from, setting) = (best.validation.id, best.candidate, best.fitted.setting.clone());
         let own =
             free_parameters_of(&self.candidates[from], setting.placed.len().saturating_sub(1));
-        let for_ever = |parameter: &FreeParameter| {
-            matches!(parameter, FreeParameter::Effect { range, .. }
-                if range.name == "time_constant_s")
-                && parameter.normalised(self.fit.model, &setting) > AT_BOUND
+        let at_bound = |name: &str| {
+            own.iter().any(|parameter| {
+                matches!(parameter, FreeParameter::Effect { range, .. } if range.name == name)
+                    && parameter.normalised(self.fit.model, &setting) > AT_BOUND
+            })
         };
-        if id == "thermal_drift" && own.iter().any(for_ever) {
-            self.instead(tried, &setting, ("coulomb_friction", self.candidates[from].site));
+        let becomes = entry(id).and_then(|entry| entry.search.becomes);
+        if let Some(simpler) = becomes.filter(|simpler| at_bound(simpler.parameter)) {
+            self.instead(tried, &setting, (simpler.id, self.candidates[from].site));
         }
         let moved = |(candidate, of): (usize, &Candidate)| {
             let mut moved = setting.clone();

@@ -4,6 +4,8 @@
 //! steps of 2 ms smooth dry friction visibly, which presliding hysteresis imitates. With finer
 //! steps such an effect explains nothing.
 
+use plant::effects::entry;
+
 use super::fit::{Dataset, Fitted};
 use super::selection_round::FittedCandidate;
 use super::transmission_model::TransmissionModel;
@@ -20,7 +22,7 @@ const WITHOUT: usize = 4;
 
 /// Whether an effect may be an artefact of the step.
 pub fn may_be_step_artefact(id: &str) -> bool {
-    id == "presliding_hysteresis"
+    entry(id).is_some_and(|entry| entry.search.imitates_coarse_steps)
 }
 
 /// Whether an effect keeps most of its gain with finer steps. If one of the fits diverges, the

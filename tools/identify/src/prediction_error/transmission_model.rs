@@ -135,8 +135,8 @@ impl Setting {
         let mut parts = EffectGroups::default();
         for placed in &self.placed {
             let effect = placed.effect()?;
-            let of = if placed.delays_all_sensors() {
-                parts.late_s += placed.values.first().map_or(0.0, |(_, delay_s)| *delay_s);
+            let of = if let Some(delay_s) = effect.delay_of_all_readings_s() {
+                parts.late_s += delay_s;
                 &mut parts.late
             } else if acts_on_torque_alone(effect.as_ref()) {
                 &mut parts.on_torque
@@ -406,11 +406,6 @@ impl PlacedEffect {
             effect.set(name, *value).ok()?;
         }
         Some(effect)
-    }
-
-    /// Whether it is a dead time of positions and torque alike.
-    pub fn delays_all_sensors(&self) -> bool {
-        self.id == "transport_delay" && self.site == Site::Sensor
     }
 
     /// Returns a value by name.

@@ -1,6 +1,6 @@
 //! Validation on records that took no part in the fit.
 
-use plant::effects::Site;
+use plant::effects::{Site, entry};
 
 use super::fit::Dataset;
 use super::record::{Record, repeats, rms};
@@ -109,7 +109,7 @@ const MAY_LOSE_SHARE: f64 = 0.2;
 /// below the noise decides between stick and slip. One block on the wrong branch may outweigh a
 /// whole record, so that a first effect of this kind is validated by blocks.
 pub fn is_bistable(id: &str) -> bool {
-    id == "stribeck_friction"
+    entry(id).is_some_and(|entry| entry.search.bistable)
 }
 
 /// Validates a first effect from the residuals before and after it was added.

@@ -1,7 +1,7 @@
 //! Candidates of stepwise selection, and the choice among those that were fitted.
 
 use super::validation::{Validation, validate};
-use crate::effects::{ALL, Effect};
+use crate::effects::{Effect, all, find};
 use crate::equation_error::model::{Column, Fitted, RegressionModel, Structure};
 
 /// A rival is as good as the winner when its gain (in log error) is at least this share of the
@@ -60,7 +60,8 @@ impl FittedCandidate<'_> {
 
 /// Whether the model has that effect already: added, or declared as a parameter.
 fn has(regression: &RegressionModel, added: &[SitedEffect], id: &str) -> bool {
-    id == "coulomb_friction" && regression.declares(Column::Sign)
+    let same = find(id).and_then(|effect| effect.same_as).map(Column::of);
+    same.is_some_and(|column| regression.declares(column))
         || added.iter().any(|a| a.effect.id == id)
 }
 
@@ -82,8 +83,8 @@ pub fn candidates(
         let site = regression.sites.iter().find(|site| effect.sites.contains(site))?;
         Some(SitedEffect { effect, site })
     };
-    let mut list: Vec<SitedEffect> = ALL
-        .iter()
+    let mut list: Vec<SitedEffect> = all()
+        .into_iter()
         .filter_map(sited)
         .filter(|c| c.effect.repeats || !has(regression, added, c.effect.id))
         .filter(|c| (c.effect.applies)(&regression.axis))

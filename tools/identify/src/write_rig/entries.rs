@@ -3,24 +3,12 @@
 //! Transmissions are identified by simulation of the plant: ids, names and units are the plant's.
 //! Drives, oscillators and elements are fitted by columns of the force that the motion requires,
 //! whose amplitudes and shapes have other names. Where the plant's effect of the same id has the
-//! same law, its names are written. Other effects are left out, with a message:
-//!
-//! - `asymmetric_friction`: the plant's viscous difference comes with a dry one, which the fit
-//!   cannot distinguish from the offset;
-//! - `load_dependent_friction`: the fit's coefficient refers to the force without this friction,
-//!   the plant's to all that is transmitted;
-//! - `position_dependent_friction`, `presliding_hysteresis`, `thermal_drift`: the plant's are
-//!   fractions of the friction of the side;
-//! - `backlash`, `nonlinear_stiffness`: the plant's gap is centred at zero and takes the whole
-//!   force, and its nonlinear spring is scaled by a reference force;
-//! - `transport_delay` at sites other than the drive: the plant's line carries waves;
-//! - `sensor_drift`, `mains_hum`: the plant's act on the torque cell of a transmission;
-//! - effects in another unit, as all forces of an oscillator, which are in volts, or beyond the
-//!   range of the plant, as an excess below 0.
+//! same law, its names are written, as the effect declares them (`of_plant`). Other effects are
+//! left out, with a message; so are effects in another unit, as all forces of an oscillator, which
+//! are in volts, or beyond the range of the plant, as an excess below 0.
 
-use std::f64::consts::TAU;
-
-use plant::effects::{Site, parse};
+use plant::effects::one_channel::{DeclaredFit, FittedEffect, Quantity};
+use plant::effects::parse;
 use rig::Model as Declared;
 
 use crate::effects::find;
@@ -36,21 +24,6 @@ pub(super) struct Entries<'o> {
     /// Effects that cannot be written, and why.
     pub(super) left_out: Vec<String>,
 }
-
-/// Effects with the same law and the same number of parameters in the plant: names of the fit and
-/// of the plant.
-const RENAMED: &[(&str, &[(&str, &str)])] = &[
-    ("coulomb_friction", &[("coulomb", "level")]),
-    ("stribeck_friction", &[("stribeck", "level"), ("stribeck_speed", "speed")]),
-    ("viscous_friction", &[("viscous_beyond_declared", "coefficient")]),
-    ("extra_inertia", &[("mass_beyond_declared", "inertia")]),
-    ("quadratic_drag", &[("coefficient", "coefficient")]),
-    ("line_damping", &[("damping_beyond_declared", "damping")]),
-    ("amplifier_deadzone", &[("half_width", "half_width")]),
-    ("amplifier_saturation", &[("limit", "limit")]),
-    ("amplifier_lag", &[("time_constant", "time_constant")]),
-    ("transport_delay", &[("delay", "delay_s")]),
-];
 
 /// The effects of an outcome for the declared model of its rig file.
 pub(super) fn entries<'o>(outcome: &'o Outcome, declared: &Declared) -> Entries<'o> {
@@ -129,60 +102,24 @@ impl<'o> Fit<'o> {
 
     /// Its parameters with the plant's names; `None` if they mean something else there.
     fn parameters_of_the_plant(&self, effect: &FoundEffect) -> Option<Vec<EffectParameter>> {
-        let own = |name: &str| effect.parameters.iter().find(|own| own.name == name);
-        // `sign` is -1 where the plant's wave drives the machine: the fit's wave is the force
-        // required to overcome it.
-        let wave = |size: &str, sign: f64| {
-            let (sine, cosine) = (own("sine")?, own("cosine")?);
-            let (along, across) = (sign * sine.value, sign * cosine.value);
-            Some(vec![
-                named(size, along.hypot(across), &sine.unit),
-                named("phase", across.atan2(along), "rad"),
-            ])
+        let parameters: Vec<Quantity<'_>> = effect
+            .parameters
+            .iter()
+            .map(|own| Quantity { name: &own.name, value: own.value, unit: &own.unit })
+            .collect();
+        let declared = |parameter: &'o FittedParameter| {
+            let (fitted, unit) = (parameter.fitted, parameter.unit.as_str());
+            Some(DeclaredFit { declared: parameter.declared?, fitted, unit })
         };
-        match effect.id.as_str() {
-            "transport_delay" if effect.site != Site::Drive.name() => None,
-            "gravity_imbalance" => wave("torque", 1.0),
-            "periodic_disturbance" => {
-                let frequency = own("frequency")?;
-                let mut parameters = wave("amplitude", -1.0)?;
-                parameters.push(named("frequency_hz", frequency.value, &frequency.unit));
-                Some(parameters)
-            }
-            "torque_ripple" => {
-                let order = own("order")?;
-                // The plant counts waves per 2π of the position.
-                let turn = if order.unit == "waves/m" { 1.0 } else { self.turn.unwrap_or(TAU) };
-                let mut parameters = wave("amplitude", -1.0)?;
-                parameters.push(named("order", TAU * order.value / turn, "1"));
-                Some(parameters)
-            }
-            "line_compliance" => {
-                // Springs in series: 1/k = (1 + r)/k_declared.
-                let stiffness = self.exceeded(effect)?;
-                Some(vec![named(
-                    "compliance_ratio",
-                    stiffness.declared? / stiffness.fitted - 1.0,
-                    "1",
-                )])
-            }
-            "viscoelastic_line" => {
-                let (branch, relaxation) = (own("branch_stiffness")?, own("relaxation")?);
-                // The plant's branch is relative to the spring in parallel, added compliance
-                // included.
-                let stiffness = self.declared_in(&branch.unit)?.fitted;
-                let ratio = named("stiffness_ratio", branch.value / stiffness, "1");
-                Some(vec![ratio, named("relaxation_s", relaxation.value, &relaxation.unit)])
-            }
-            id => {
-                let (_, names) = RENAMED.iter().find(|(renamed, _)| *renamed == id)?;
-                let renamed = |own: &EffectParameter| {
-                    let (_, name) = names.iter().find(|(of_fit, _)| *of_fit == own.name)?;
-                    Some(named(name, own.value, &own.unit))
-                };
-                effect.parameters.iter().map(renamed).collect()
-            }
-        }
+        let declared: Vec<DeclaredFit<'_>> = self.parameters.iter().filter_map(declared).collect();
+        let fit = FittedEffect {
+            site: &effect.site,
+            parameters: &parameters,
+            declared: &declared,
+            turn: self.turn,
+        };
+        let of_plant = (find(&effect.id)?.of_plant)(&fit)?;
+        Some(of_plant.iter().map(|own| named(own.name, own.value, own.unit)).collect())
     }
 }
 
@@ -203,8 +140,10 @@ fn is_same_unit(of_plant: &str, of_fit: &str) -> bool {
 
 #[cfg(test)]
 mod tests {
+    use std::f64::consts::TAU;
+
     use super::*;
-    use crate::effects::{ALL, Axis, Effect, Units};
+    use crate::effects::{Axis, Effect, Units};
     use crate::outcome::Identifiability;
 
     const DRIVE: &[&str] = &["master", "drive", "sensor"];
@@ -246,8 +185,8 @@ mod tests {
         }
     }
 
-    /// Ids of the listed effects that can be written, of all that such a machine can have.
-    fn written(axis: &Axis, sites: &[&str]) -> Vec<&'static str> {
+    /// Of these effects, those that can be written for such a machine.
+    fn written(axis: &Axis, sites: &[&str], ids: &[&'static str]) -> Vec<&'static str> {
         let stiffness = FittedParameter {
             name: "stiffness".into(),
             declared: Some(4.0),
@@ -260,49 +199,51 @@ mod tests {
             trades_with: None,
         };
         let fit = Fit { parameters: &[stiffness], turn: axis.turn };
-        let can_be = ALL.iter().filter(|effect| (effect.applies)(axis));
-        let is_written = |effect: &&Effect| {
+        let is_written = |id: &&'static str| {
+            let effect = find(id).unwrap();
             let site = sites.iter().find(|site| effect.sites.contains(site)).unwrap();
             fit.in_words_of_the_plant(&found(effect, site, axis)).is_ok()
         };
-        can_be.filter(is_written).map(|effect| effect.id).collect()
+        ids.iter().copied().filter(is_written).collect()
     }
 
     #[test]
     fn effects_with_the_same_law_are_written_with_the_plants_names() {
-        let of_friction = [
+        const FRICTION: [&str; 5] = [
             "coulomb_friction",
             "stribeck_friction",
             "viscous_friction",
             "extra_inertia",
             "quadratic_drag",
         ];
-        let of_drive = [
-            "torque_ripple",
-            "amplifier_deadzone",
-            "amplifier_saturation",
-            "amplifier_lag",
-            "transport_delay",
-            "periodic_disturbance",
+        const AMPLIFIER: [&str; 3] =
+            ["amplifier_deadzone", "amplifier_saturation", "amplifier_lag"];
+        const DRIVE_ALONE: [&str; 3] = ["torque_ripple", "transport_delay", "periodic_disturbance"];
+        const LINE: [&str; 2] = ["viscoelastic_line", "line_compliance"];
+        // Fractions of what the plant has already, or of another instrument.
+        const OTHERS: [&str; 5] = [
+            "asymmetric_friction",
+            "load_dependent_friction",
+            "presliding_hysteresis",
+            "thermal_drift",
+            "sensor_drift",
         ];
-        let linear = written(&axis(Units::LINEAR, false, true), DRIVE);
-        assert_eq!(linear, [&of_friction[..], &of_drive].concat());
-        let rotary = written(&axis(Units::ROTARY, false, true), DRIVE);
-        assert_eq!(rotary, [&of_friction[..], &["gravity_imbalance"], &of_drive].concat());
-        let of_line =
-            ["viscoelastic_line", "line_compliance", "line_damping", "periodic_disturbance"];
-        let element = written(&axis(Units::LINEAR, true, false), ELEMENT);
-        assert_eq!(element, [&of_friction[..], &of_line].concat());
+        let of_drive = [&FRICTION[..], &AMPLIFIER, &DRIVE_ALONE].concat();
+        let linear = axis(Units::LINEAR, false, true);
+        assert_eq!(written(&linear, DRIVE, &of_drive), of_drive);
+        assert!(written(&linear, DRIVE, &OTHERS).is_empty());
+        let of_drive = [&of_drive[..], &["gravity_imbalance"]].concat();
+        assert_eq!(written(&axis(Units::ROTARY, false, true), DRIVE, &of_drive), of_drive);
+        let element = axis(Units::LINEAR, true, false);
+        let of_line = [&FRICTION[..], &LINE, &["line_damping", "periodic_disturbance"]].concat();
+        assert_eq!(written(&element, ELEMENT, &of_line), of_line);
+        assert!(written(&element, ELEMENT, &["backlash", "nonlinear_stiffness"]).is_empty());
         // Of volts the plant has an amplifier's alone.
-        let oscillator = written(&axis(Units::VOLTS, true, true), OSCILLATOR);
-        let expected = [
-            "viscoelastic_line",
-            "line_compliance",
-            "amplifier_deadzone",
-            "amplifier_saturation",
-            "amplifier_lag",
-        ];
-        assert_eq!(oscillator, expected);
+        let oscillator = axis(Units::VOLTS, true, true);
+        let of_volts = [&LINE[..], &AMPLIFIER].concat();
+        assert_eq!(written(&oscillator, OSCILLATOR, &of_volts), of_volts);
+        let in_newtons = [&FRICTION[..], &["line_damping", "periodic_disturbance"]].concat();
+        assert!(written(&oscillator, OSCILLATOR, &in_newtons).is_empty());
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! What the tests of models of one channel share.
 #![allow(dead_code, reason = "each test file uses its part")]
 
-use identify::deadline::NEVER;
+use identify::deadline::{Deadline, NEVER};
 use identify::error::IdentifyError;
 use identify::input::Series;
 use identify::models::{Options, of_kind};
@@ -42,24 +42,26 @@ pub(crate) fn rig(kind: rig::ModelKind, parameters: Vec<rig::Parameter>) -> rig:
 }
 
 pub(crate) fn run(model: &rig::Model, records: &[Series]) -> Result<Outcome, IdentifyError> {
-    let kind = of_kind(model.kind);
-    let (outcome, page) = kind.identify(
-        "rig.toml",
-        model,
-        records,
-        Options {
-            seed: 1,
-            gear: 1.0,
-            slave_count_rad: None,
-            capability: None,
-            propose: false,
-            calibrate: 0,
-            deadline: &NEVER,
-        },
-    )?;
-    // Every outcome must make a page.
-    page.render().unwrap();
-    Ok(outcome)
+    run_until(&NEVER, model, records).map(|(outcome, _)| outcome)
+}
+
+/// The outcome, and the text of its page, which every outcome must make.
+pub(crate) fn run_until(
+    deadline: &Deadline,
+    model: &rig::Model,
+    records: &[Series],
+) -> Result<(Outcome, String), IdentifyError> {
+    let options = Options {
+        seed: 1,
+        gear: 1.0,
+        slave_count_rad: None,
+        capability: None,
+        propose: false,
+        calibrate: 0,
+        deadline,
+    };
+    let (outcome, page) = of_kind(model.kind).identify("rig.toml", model, records, options)?;
+    Ok((outcome, page.render().unwrap()))
 }
 
 pub(crate) fn ids(outcome: &Outcome) -> Vec<&str> {
