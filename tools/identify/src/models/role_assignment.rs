@@ -9,6 +9,7 @@ use crate::equation_error::signals::ForceBalance;
 use crate::error::{IdentifyError, Result};
 use crate::input::Series;
 use crate::prediction_error::record::rms;
+use crate::selection::predictor::Predictor;
 
 /// Blocks last at least this long where the record allows it (s).
 const BLOCK_S: f64 = 0.4;
@@ -22,6 +23,9 @@ const BLOCKS: f64 = 40.0;
 const FEWEST_BLOCKS: usize = 3 * FEW;
 /// The same of one that fits and selects.
 const FEWEST_BLOCKS_OF_TWO: usize = 2 * FEW;
+/// Fewest blocks of a record whose output is simulated, each of [`BLOCK_S`] at least: on less, one
+/// shape of a spring is taken for another.
+const FEWEST_SIMULATED: usize = MANY;
 
 /// A block in which position and velocity stay below this share of the travel and of the rms
 /// velocity of all records does not move.
@@ -34,12 +38,13 @@ const STILL: f64 = 0.05;
 /// If the records are too short for three moving blocks that select: one or two give no standard
 /// error of a mean, and anything would pass.
 pub(super) fn assign_roles(
-    regression: &RegressionModel,
+    predictor: &Predictor<'_>,
     records: &[Series],
     seed: u64,
     notes: &mut Vec<String>,
 ) -> Result<Vec<Block>> {
-    let movement = Movement::of(regression);
+    let regression = predictor.regression();
+    let movement = Movement::of(predictor);
     let mut moving: Vec<usize> =
         (0..records.len()).filter(|record| movement.is_in_record(*record)).collect();
     if moving.is_empty() {
@@ -65,7 +70,7 @@ pub(super) fn assign_roles(
             blocks.extend(block_roles::whole_record(
                 second,
                 report.rows(),
-                lengths(report).preferred,
+                movement.lengths(second).preferred,
                 Role::Report,
             ));
             Ok(blocks)
@@ -88,17 +93,21 @@ pub(super) fn assign_roles(
 /// Where the records move.
 struct Movement<'a> {
     regression: &'a RegressionModel,
+    /// Whether the output is simulated.
+    simulated: bool,
     /// Position and velocity of each record, row by row.
     rows: Vec<[Vec<f64>; 2]>,
 }
 
 impl<'a> Movement<'a> {
-    fn of(regression: &'a RegressionModel) -> Self {
+    fn of(predictor: &'a Predictor<'_>) -> Self {
+        let regression = predictor.regression();
+        let simulated = matches!(predictor, Predictor::OutputError(_));
         let rows = |balance: &ForceBalance| {
             let signals = &balance.signals;
             [&signals.position, &signals.velocity].map(|full| signals.rows(full))
         };
-        Self { regression, rows: regression.balances.iter().map(rows).collect() }
+        Self { regression, simulated, rows: regression.balances.iter().map(rows).collect() }
     }
 
     fn balance(&self, record: usize) -> &ForceBalance {
@@ -125,6 +134,24 @@ impl<'a> Movement<'a> {
         self.is_in(block.record, block.rows.clone())
     }
 
+    fn lengths(&self, record: usize) -> Lengths {
+        let balance = self.balance(record);
+        let rows = |seconds: f64| (seconds / balance.row_step()).ceil() as usize;
+        let seconds = balance.rows() as f64 * balance.row_step();
+        let shortest = self.shortest_s(balance);
+        Lengths {
+            preferred: rows((seconds / BLOCKS).max(BLOCK_S.max(shortest))),
+            shortest: rows(shortest),
+            guard: rows(GUARD_PERIODS / balance.cut_off),
+        }
+    }
+
+    /// Shortest block of a record (s).
+    fn shortest_s(&self, balance: &ForceBalance) -> f64 {
+        let periods = BLOCK_PERIODS / balance.cut_off;
+        if self.simulated { periods.max(BLOCK_S) } else { periods }
+    }
+
     /// Number of blocks of a role that move.
     fn count(&self, blocks: &[Block], role: Role) -> usize {
         blocks.iter().filter(|block| block.role == role && self.is_in_block(block)).count()
@@ -138,24 +165,13 @@ struct Lengths {
     guard: usize,
 }
 
-fn lengths(balance: &ForceBalance) -> Lengths {
-    let rows = |seconds: f64| (seconds / balance.row_step()).ceil() as usize;
-    let seconds = balance.rows() as f64 * balance.row_step();
-    let shortest = BLOCK_PERIODS / balance.cut_off;
-    Lengths {
-        preferred: rows((seconds / BLOCKS).max(BLOCK_S.max(shortest))),
-        shortest: rows(shortest),
-        guard: rows(GUARD_PERIODS / balance.cut_off),
-    }
-}
-
 /// Whole records with these roles, cut into blocks on which gains are validated.
 fn whole_records(movement: &Movement<'_>, roles: &[(usize, Role)]) -> Result<Vec<Block>> {
     let blocks: Vec<Block> = roles
         .iter()
         .flat_map(|(record, role)| {
             let balance = movement.balance(*record);
-            let Lengths { preferred, shortest, .. } = lengths(balance);
+            let Lengths { preferred, shortest, .. } = movement.lengths(*record);
             let rows = balance.rows();
             let length = if rows / preferred < FEW { shortest } else { preferred };
             block_roles::whole_record(*record, rows, length, *role)
@@ -163,7 +179,7 @@ fn whole_records(movement: &Movement<'_>, roles: &[(usize, Role)]) -> Result<Vec
         .collect();
     match blocks.iter().find(|block| block.role == Role::Select) {
         Some(first) if movement.count(&blocks, Role::Select) < FEW => {
-            Err(too_short_to_select(movement.balance(first.record)))
+            Err(too_short_to_select(movement, movement.balance(first.record)))
         }
         _ => Ok(blocks),
     }
@@ -178,15 +194,19 @@ fn in_blocks(
     notes: &mut Vec<String>,
 ) -> Result<Vec<Block>> {
     let balance = movement.balance(record);
-    let Lengths { preferred, shortest, guard } = lengths(balance);
+    let Lengths { preferred, shortest, guard } = movement.lengths(record);
     let rows = balance.rows();
     // The longest blocks of which there are many.
     let of_many = ((rows + guard) / MANY).saturating_sub(guard);
     let length = preferred.min(of_many).max(shortest);
     let mut cut = Cut { record, rows, length, guard };
-    let least = if held_out.len() > 1 { FEWEST_BLOCKS } else { FEWEST_BLOCKS_OF_TWO };
+    let least = match held_out.len() {
+        _ if movement.simulated => FEWEST_SIMULATED,
+        1 => FEWEST_BLOCKS_OF_TWO,
+        _ => FEWEST_BLOCKS,
+    };
     if cut.count() < least {
-        return Err(too_short_to_cut(balance, least));
+        return Err(too_short_to_cut(movement, balance, least));
     }
     let seed = seed.wrapping_add(record as u64);
     let mut blocks = cut.blocks(held_out, seed);
@@ -201,7 +221,7 @@ fn in_blocks(
         blocks.retain(|block| movement.is_in_block(block));
         if blocks.len() < least {
             let found = format!("{} of {of_all} stretches move", blocks.len());
-            let expected = format!("{} that move", needed(least, balance));
+            let expected = format!("{} that move", needed(movement, least, balance));
             return Err(IdentifyError::short(&balance.name, found, expected));
         }
         let roles = block_roles::draw(blocks.len(), held_out, seed);
@@ -219,19 +239,20 @@ fn in_blocks(
 }
 
 /// The blocks that are needed.
-fn needed(blocks: usize, balance: &ForceBalance) -> String {
-    let cut_off = balance.cut_off;
-    format!("{blocks} stretches of {BLOCK_PERIODS} periods of the cut-off ({cut_off:.4} Hz)")
+fn needed(movement: &Movement<'_>, blocks: usize, balance: &ForceBalance) -> String {
+    let (seconds, cut_off) = (movement.shortest_s(balance), balance.cut_off);
+    let periods = seconds * cut_off;
+    format!("{blocks} stretches of {periods:.0} periods of the cut-off ({cut_off:.4} Hz)")
 }
 
 /// Seconds of a record that leave so many blocks with `guards` between them, beside the edges that
 /// are cut off.
-fn seconds(blocks: usize, guards: usize, balance: &ForceBalance) -> f64 {
+fn seconds(movement: &Movement<'_>, blocks: usize, guards: usize, balance: &ForceBalance) -> f64 {
     let signals = &balance.signals;
     let recorded = signals.time[signals.time.len() - 1] - signals.time[0];
     let edges = recorded - balance.rows() as f64 * balance.row_step();
-    let periods = blocks as f64 * BLOCK_PERIODS + guards as f64 * GUARD_PERIODS;
-    edges + periods / balance.cut_off
+    let blocks_s = blocks as f64 * movement.shortest_s(balance);
+    edges + blocks_s + guards as f64 * GUARD_PERIODS / balance.cut_off
 }
 
 /// Rounded up to a tenth.
@@ -239,25 +260,29 @@ fn tenths(seconds: f64) -> f64 {
     (10.0 * seconds).ceil() / 10.0
 }
 
-fn too_short_to_select(balance: &ForceBalance) -> IdentifyError {
+fn too_short_to_select(movement: &Movement<'_>, balance: &ForceBalance) -> IdentifyError {
     let found = format!("{:.2} s to select on", balance.rows() as f64 * balance.row_step());
     let expected = format!(
         "{}: a record of {:.1} s, or more records that select",
-        needed(FEW, balance),
-        tenths(seconds(FEW, 0, balance))
+        needed(movement, FEW, balance),
+        tenths(seconds(movement, FEW, 0, balance))
     );
     IdentifyError::short(&balance.name, found, expected)
 }
 
-fn too_short_to_cut(balance: &ForceBalance, least: usize) -> IdentifyError {
+fn too_short_to_cut(
+    movement: &Movement<'_>,
+    balance: &ForceBalance,
+    least: usize,
+) -> IdentifyError {
     let signals = &balance.signals;
     let recorded = signals.time[signals.time.len() - 1] - signals.time[0];
     let found = format!("{recorded:.2} s ({} rows)", (recorded / balance.sampling).round() + 1.0);
     let expected = format!(
         "{:.1} s for {} that fit, select and report, or three records of {:.1} s each",
-        tenths(seconds(least, least - 1, balance)),
-        needed(least, balance),
-        tenths(seconds(FEW, 0, balance))
+        tenths(seconds(movement, least, least - 1, balance)),
+        needed(movement, least, balance),
+        tenths(seconds(movement, FEW, 0, balance))
     );
     IdentifyError::short(&balance.name, found, expected)
 }

@@ -34,7 +34,7 @@ pub(super) fn study(
     (channel, mut notes): (&'static str, Vec<String>),
 ) -> Result<(Outcome, Page)> {
     let regression = predictor.regression();
-    let blocks = assign_roles(regression, records, options.seed, &mut notes)?;
+    let blocks = assign_roles(&predictor, records, options.seed, &mut notes)?;
     let functions = functions(&predictor, &blocks);
     let found = search(&predictor, &blocks, &functions, options.deadline).ok_or_else(|| {
         let files: Vec<&str> = records.iter().map(|r| r.file.as_str()).collect();

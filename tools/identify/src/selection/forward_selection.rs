@@ -149,7 +149,8 @@ impl Search<'_> {
         let before = self.predictor.mean_squares(&current.fitted, &self.select);
         let promising: Vec<&FittedCandidate<'f>> = screened
             .iter()
-            .filter(|t| t.validation.t >= LEAST_T && t.validation.gain_percent > 0.0)
+            .filter(|t| t.validation.accepted || t.validation.t >= LEAST_T)
+            .filter(|t| t.validation.gain_percent > 0.0)
             .take(REFINED)
             .collect();
         let simulate = |candidate: &FittedCandidate<'f>| {

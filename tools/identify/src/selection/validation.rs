@@ -13,7 +13,7 @@ pub const LEAST_T: f64 = 2.5;
 
 /// An error below this share of the channel (%) is negligible: only what takes
 /// [`LEAST_OF_NEGLIGIBLE_PERCENT`] of it is worth a name.
-const NEGLIGIBLE_PERCENT: f64 = 5.0;
+const NEGLIGIBLE_PERCENT: f64 = 3.0;
 /// Least relative decrease of a negligible error (%).
 const LEAST_OF_NEGLIGIBLE_PERCENT: f64 = 30.0;
 
