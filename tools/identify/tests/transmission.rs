@@ -186,17 +186,21 @@ fn an_early_answer_keeps_what_was_finished_and_names_nothing_else() {
 fn replicates_that_the_deadline_leaves_out_are_not_counted() {
     let (model, found) = &*BACKLASH;
     let deadline = Deadline::when(|| true);
-    let chance = parametric_bootstrap(model, found, DRIVE, 19, 1, &deadline).unwrap();
-    assert_eq!((chance.replicates(), chance.unsearched, chance.alarms), (0, 19, 0));
+    let bootstrap = parametric_bootstrap(model, found, DRIVE, 19, 1, &deadline).unwrap();
+    assert_eq!((bootstrap.replicates(), bootstrap.unsearched, bootstrap.alarms), (0, 19, 0));
 }
 
 #[test]
 fn replicates_without_a_missing_effect_raise_no_alarm() {
     let (model, found) = &*BACKLASH;
-    let chance = parametric_bootstrap(model, found, DRIVE, 2, 1, &NEVER).unwrap();
+    let bootstrap = parametric_bootstrap(model, found, DRIVE, 2, 1, &NEVER).unwrap();
     let gain = found.steps[0].added.gain;
-    assert_eq!((chance.replicates(), chance.alarms, chance.as_much(gain)), (2, 0, 0), "{chance:?}");
-    assert!((chance.probability(gain) - 1.0 / 3.0).abs() < 1e-12);
+    assert_eq!(
+        (bootstrap.replicates(), bootstrap.alarms, bootstrap.as_much(gain)),
+        (2, 0, 0),
+        "{bootstrap:?}"
+    );
+    assert!((bootstrap.probability(gain) - 1.0 / 3.0).abs() < 1e-12);
 }
 
 #[test]
@@ -211,7 +215,7 @@ fn a_withdrawn_effect_leaves_the_declared_model() {
     assert!(found.without_last(model).is_some(), "nothing to take back is no failure");
     // What it explained is missing again, and that must be said.
     found.reassess(model, &NEVER);
-    assert!(found.inadequate || found.unlisted_function.is_some(), "{:?}", found.generic);
+    assert!(found.inadequate || found.unlisted_function.is_some(), "{:?}", found.nonparametric);
 }
 
 #[test]

@@ -239,7 +239,7 @@ impl Rig {
 /// scan first.
 const BEFORE_CONTROL: u64 = 2;
 /// The lock-step rig's card counts its first scan so.
-const TWIN_FIRST_TICK: u64 = 2;
+const LOCK_STEP_FIRST_TICK: u64 = 2;
 
 /// Runs the cores for that many periods of the card; returns the tick of the first scan and
 /// control's cycles.
@@ -317,7 +317,7 @@ fn assert_equal(rig: &RigFile, protocol: &str, periods: u64) {
     let (first, cycles) = run_live(rig, protocol, periods);
     let period = rig.rates.acquisition_period_ns();
     // From the rig's clock to the lock-step rig's (ns).
-    let shift = |time_ns: u64| time_ns - (first - TWIN_FIRST_TICK) * period;
+    let shift = |time_ns: u64| time_ns - (first - LOCK_STEP_FIRST_TICK) * period;
     let mut system = LockStepRig::new(rig, &[]).unwrap();
     let mut moved = [0.0_f64; AXES];
     for (at, cycle) in cycles.iter().enumerate() {

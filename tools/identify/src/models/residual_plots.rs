@@ -16,7 +16,7 @@ const SIZE: (u32, u32) = (460, 250);
 /// Returns the curves of the declared model and of the model with effects, with name and colour:
 /// one curve if they coincide; `with` tells whether effects were found that do not act on this
 /// channel.
-pub(super) fn drawn<T: PartialEq>(
+pub(super) fn plotted<T: PartialEq>(
     before: T,
     after: T,
     with: bool,
@@ -112,7 +112,7 @@ impl ChannelResidual {
         let mut figure = Figure::new("", format!("{what} / {unit}"), of)
             .size(SIZE.0, SIZE.1)
             .horizontal(Colour::Grey, "", 0.0);
-        for (name, colour, residual) in drawn(&self.before, &self.after, self.with) {
+        for (name, colour, residual) in plotted(&self.before, &self.after, self.with) {
             let means: Vec<f64> = bins.iter().map(|bin| mean(bin, &|i| residual[i])).collect();
             let spread =
                 |(bin, m): (&Vec<usize>, &f64)| mean(bin, &|i| (residual[i] - m).powi(2)).sqrt();
@@ -185,15 +185,15 @@ mod tests {
     fn equal_curves_are_drawn_once() {
         let (one, other) = ([1.0, 2.0], [1.0, 2.5]);
         assert_eq!(
-            drawn(&one, &other, true).iter().map(|drawn| drawn.0).collect::<Vec<_>>(),
+            plotted(&one, &other, true).iter().map(|plotted| plotted.0).collect::<Vec<_>>(),
             ["declared model", "with effects"]
         );
         assert_eq!(
-            drawn(&one, &one, true).iter().map(|drawn| drawn.0).collect::<Vec<_>>(),
+            plotted(&one, &one, true).iter().map(|plotted| plotted.0).collect::<Vec<_>>(),
             ["declared model, and with effects"]
         );
         assert_eq!(
-            drawn(&one, &one, false).iter().map(|drawn| drawn.0).collect::<Vec<_>>(),
+            plotted(&one, &one, false).iter().map(|plotted| plotted.0).collect::<Vec<_>>(),
             ["declared model"]
         );
     }

@@ -3,7 +3,7 @@
 use report::{Colour, Figure, Page};
 
 use super::page::{Content, page as whole_page};
-use super::residual_plots::{ChannelResidual, drawn, over_time};
+use super::residual_plots::{ChannelResidual, over_time, plotted};
 use super::single_channel_result::{Study, all_rows};
 use crate::input::step_of;
 use crate::naming::labels;
@@ -156,7 +156,7 @@ fn residual(
     let curves = |record: &RecordRows| {
         let measured = (channel.name, Colour::Black, vec![record.measured.clone()]);
         let [before, after] = [&record.before, &record.after].map(|rows| vec![rows.clone()]);
-        std::iter::once(measured).chain(drawn(before, after, with))
+        std::iter::once(measured).chain(plotted(before, after, with))
     };
     ChannelResidual {
         name: channel.name,
@@ -189,7 +189,7 @@ fn record_figures(
     let part = from..(from + length).min(r.time.len());
     let against = |figure: Figure, x: &[f64]| {
         let figure = figure.line(Colour::Black, "measured", x, &r.measured[part.clone()]);
-        drawn(&declared[part.clone()], &effects[part.clone()], with).into_iter().enumerate().fold(
+        plotted(&declared[part.clone()], &effects[part.clone()], with).into_iter().enumerate().fold(
             figure,
             |figure, (at, (name, colour, y))| match at {
                 0 => figure.line(colour, name, x, y),
@@ -202,7 +202,7 @@ fn record_figures(
         &r.time[part.clone()],
     );
     let of = format!("residual / {unit}");
-    let residual = over_time("Residual", of, &r.time, drawn(&r.before[..], &r.after[..], with));
+    let residual = over_time("Residual", of, &r.time, plotted(&r.before[..], &r.after[..], with));
     let mut figures = vec![
         (curves, format!("{label}: {compared}; a part from the middle.")),
         (residual, format!("{label}: measured {name} less the model's, whole record.")),

@@ -118,16 +118,16 @@ fn informative(records: &[Series]) -> (Option<Vec<Series>>, Vec<String>) {
 
 /// A hand in one segment of a recording is assumed in all of its segments, however lightly it acts:
 /// the reading of the torque sensor is then a torque in each.
-fn hand_throughout(records: &mut [Record], stretches: &[Series]) {
-    let of = |stretch: &Series| recording_of(&stretch.file).to_owned();
+fn hand_throughout(records: &mut [Record], segments: &[Series]) {
+    let of = |segment: &Series| recording_of(&segment.file).to_owned();
     let held: Vec<String> = records
         .iter()
-        .zip(stretches)
+        .zip(segments)
         .filter(|(record, _)| !record.idle)
-        .map(|(_, stretch)| of(stretch))
+        .map(|(_, segment)| of(segment))
         .collect();
-    for (record, stretch) in records.iter_mut().zip(stretches) {
-        record.idle &= !held.contains(&of(stretch));
+    for (record, segment) in records.iter_mut().zip(segments) {
+        record.idle &= !held.contains(&of(segment));
     }
 }
 
@@ -172,7 +172,7 @@ mod tests {
             "b[1].mcap[0.0..3.0 s]",
             "b[1].mcap[3.0..6.0 s]",
         ];
-        let stretches = names.map(|name| {
+        let segments = names.map(|name| {
             let time: Vec<f64> = (0..4000).map(|row| f64::from(row) * 1e-3).collect();
             // 0.02 N·m are too little to be a hand by themselves.
             let most = if name == names[1] { 2.0 } else { 0.02 };
@@ -189,14 +189,14 @@ mod tests {
                 columns.into_iter().map(|(name, column)| (name.to_owned(), column)).collect();
             Series { file: name.to_owned(), columns, ..Series::default() }
         });
-        let mut records: Vec<Record> = stretches
+        let mut records: Vec<Record> = segments
             .iter()
             .filter_map(|series| Record::new(series, 1.0, &mut Vec::new()).ok())
             .collect();
         let idle =
             |records: &[Record]| records.iter().map(|record| record.idle).collect::<Vec<bool>>();
         assert_eq!(idle(&records), [true, false, true, true]);
-        hand_throughout(&mut records, &stretches);
+        hand_throughout(&mut records, &segments);
         assert_eq!(idle(&records), [false, false, true, true]);
     }
 

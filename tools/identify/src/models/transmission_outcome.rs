@@ -335,7 +335,7 @@ fn candidates(study: &Study<'_>) -> Vec<CandidateGain> {
         })
         .collect();
     let last = found.rounds.len().max(1);
-    rows.extend(found.generic.iter().map(|validation| row(last, true, validation)));
+    rows.extend(found.nonparametric.iter().map(|validation| row(last, true, validation)));
     rows
 }
 

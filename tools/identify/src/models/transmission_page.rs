@@ -4,7 +4,7 @@ use report::Colour::{Black, Green};
 use report::{Figure, Page};
 
 use super::page::{Content, page as whole_page};
-use super::residual_plots::{ChannelResidual, drawn, over_time};
+use super::residual_plots::{ChannelResidual, over_time, plotted};
 use super::transmission_study::Study;
 use crate::equation_error::block_roles::Role;
 use crate::naming::labels;
@@ -97,7 +97,7 @@ fn figures(
     let mut figures = vec![(position, format!("{label}: measured movement."))];
     for (at, channel) in study.model.channels(index).into_iter().enumerate() {
         let (name, unit) = (channel.column(), channel.unit());
-        let curves = drawn(&before.channels[at][..], &after.channels[at][..], with);
+        let curves = plotted(&before.channels[at][..], &after.channels[at][..], with);
         let figure = over_time("Innovation", format!("{name} / {unit}"), &time, curves);
         figures.push((figure, format!("{label}: innovation of {name}.")));
     }
@@ -216,7 +216,7 @@ fn residual_of(
         ],
         before,
         after,
-        spectra: drawn(of_before, of_after, with),
+        spectra: plotted(of_before, of_after, with),
         step_s,
         with,
     })

@@ -108,22 +108,22 @@ pub fn parametric_bootstrap(
         };
         null.setting.placed.iter().any(is)
     };
-    let mut chance = BootstrapResult::default();
+    let mut bootstrap = BootstrapResult::default();
     for turn in 0..replicates {
         let other = null.simulate(sizes, seed.wrapping_add(turn as u64 + 1));
         let found = other.and_then(|mut other| search(&mut other, deadline));
         if deadline.has_passed() {
-            chance.unsearched = replicates - turn;
+            bootstrap.unsearched = replicates - turn;
             break;
         }
         let Some(found) = found else { continue };
         let wrong = found.steps.iter().map(|step| &step.added).filter(|added| !there(added));
         let gain = wrong.map(|added| added.gain).fold(0.0, f64::max);
-        chance.alarms +=
+        bootstrap.alarms +=
             usize::from(gain > 0.0 || found.unlisted_function.is_some() || found.inadequate);
-        chance.gains.push(gain);
+        bootstrap.gains.push(gain);
     }
-    Some(chance)
+    Some(bootstrap)
 }
 
 /// Simulates one replicate; returns it with its true setting. `None` if it cannot be simulated.
@@ -352,10 +352,10 @@ mod tests {
     #[test]
     fn the_p_value_counts_the_records_themselves() {
         let gains = [vec![0.0; 17], vec![0.3, 0.5]].concat();
-        let chance = BootstrapResult { alarms: 2, gains, unsearched: 0 };
-        assert!((chance.probability(0.6) - 0.05).abs() < 1e-12);
-        assert!((chance.probability(0.4) - 0.1).abs() < 1e-12);
-        assert_eq!(chance.as_much(0.3), 2);
+        let bootstrap = BootstrapResult { alarms: 2, gains, unsearched: 0 };
+        assert!((bootstrap.probability(0.6) - 0.05).abs() < 1e-12);
+        assert!((bootstrap.probability(0.4) - 0.1).abs() < 1e-12);
+        assert_eq!(bootstrap.as_much(0.3), 2);
     }
 
     #[test]

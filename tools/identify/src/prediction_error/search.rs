@@ -76,7 +76,7 @@ pub struct SearchResult {
     /// Effects that were added and removed again.
     pub given_up: Vec<(&'static str, Site)>,
     /// Nonparametric functions tried after the listed effects.
-    pub generic: Vec<Validation>,
+    pub nonparametric: Vec<Validation>,
     /// The best of them, if it passes; where the listed effects are inadequate, a smaller gain than
     /// that suffices.
     pub unlisted_function: Option<UnlistedFunction>,
@@ -117,7 +117,7 @@ impl SearchResult {
             .as_ref()
             .filter(|_| self.inadequate && self.unlisted_function.is_none())?;
         // Motor torque acts on the master too; only the variable distinguishes the two.
-        let best = self.generic.first().filter(|best| best.gain > 0.0);
+        let best = self.nonparametric.first().filter(|best| best.gain > 0.0);
         match localisation.site() {
             Site::Master => Some(best.map_or(Site::Master, |best| best.site)),
             own => Some(own),
@@ -147,7 +147,8 @@ impl SearchResult {
         &mut self,
         NonparametricResult { tried, best, localisation }: NonparametricResult,
     ) {
-        (self.generic, self.unlisted_function, self.localisation) = (tried, best, localisation);
+        (self.nonparametric, self.unlisted_function, self.localisation) =
+            (tried, best, localisation);
     }
 
     /// Reassesses adequacy and nonparametric functions after an effect was withdrawn.

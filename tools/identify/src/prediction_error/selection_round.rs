@@ -211,11 +211,11 @@ impl SelectionRound<'_> {
         };
         let declared = declared(self.fit.model, &self.now.setting);
         for (candidate, of) in self.candidates.iter().enumerate() {
-            let looked = match &localisation {
+            let from_all_starts = match &localisation {
                 Some(localisation) => of.multi_start.is_some() && localisation.may_be_at(of.site),
                 None => of.multi_start == Some(MultiStart::Always),
             };
-            if !looked {
+            if !from_all_starts {
                 continue;
             }
             if self.fit.deadline.has_passed() {
