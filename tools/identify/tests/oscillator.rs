@@ -192,7 +192,10 @@ fn unusable_data_are_refused_with_a_reason() {
 
 #[test]
 fn the_measured_silverbox_record_has_a_cubic_spring() {
-    let Some(series) = measured("silverbox_multisine.csv") else { return };
+    let Some(mut series) = measured("silverbox_multisine.csv") else { return };
+    // A third of the record: the whole takes more than a minute, and its figures stand in
+    // `docs/identify-measured.md`.
+    series.columns.iter_mut().for_each(|column| column.1.truncate(22_000));
     let outcome = run(&shipped("silverbox.toml"), &[series]).unwrap();
     assert_eq!(ids(&outcome)[0], "nonlinear_stiffness", "{:#?}", outcome.candidates);
     let error = &outcome.error["output"];
