@@ -56,6 +56,14 @@ struct Competitor<'f> {
     errors: Vec<f64>,
 }
 
+/// The comparison of the listed effects alone with nonparametric functions in their place.
+struct Comparison<'f> {
+    /// The function that takes their place.
+    better: Option<Competitor<'f>>,
+    /// The functions beside the listed effects, where the comparison needed them.
+    beside_listed: Option<Vec<NonparametricFit>>,
+}
+
 impl<'f> SearchResult<'f> {
     /// The model with all effects that were added.
     pub fn last(&self) -> &FittedModel<'f> {
@@ -125,10 +133,13 @@ pub fn search<'f>(
         },
     };
     let mut selection = search.forward(&base, ANY);
-    let (mut function, mut unlisted) = (None, None);
+    let (mut function, mut unlisted, mut nonparametric) = (None, None, None);
     if let Predictor::EquationError(_) = predictor {
         selection = search.without_altered_target(&base, selection);
-        if let Some(better) = search.beside_function(&base, &selection, functions) {
+        let compared = search.beside_function(&base, &selection, functions);
+        nonparametric = compared.beside_listed;
+        if let Some(better) = compared.better {
+            nonparametric = None;
             let variable = better.function.variable();
             unlisted = Some(Unlisted::new(variable, better.function, &better.model.fitted));
             (function, selection) = (Some(better.model), better.beside);
@@ -145,7 +156,7 @@ pub fn search<'f>(
         unlisted,
         adequacy: Adequacy::default(),
     };
-    found.nonparametric = search.nonparametric(found.last());
+    found.nonparametric = nonparametric.unwrap_or_else(|| search.nonparametric(found.last()));
     let best = found.nonparametric.iter().find(|function| function.validation.accepted);
     found.unlisted = found.unlisted.or_else(|| best.map(|best| best.unlisted.clone()));
     let report = blocks_of_role(blocks, Role::Report);
@@ -190,27 +201,31 @@ impl<'a> Search<'a> {
         base: &FittedModel<'f>,
         listed: &Selection<'f>,
         functions: &'f [Spline],
-    ) -> Option<Competitor<'f>> {
+    ) -> Comparison<'f> {
+        let mut comparison = Comparison { better: None, beside_listed: None };
         let competitors: Vec<Competitor<'f>> =
             functions.iter().filter_map(|function| self.competitor(base, function)).collect();
-        if self.deadline.left_work_out() {
-            return None;
-        }
-        let before = self.relative_errors(listed.last(base));
         let sum = |errors: &[f64]| errors.iter().sum::<f64>();
-        let best = competitors.iter().min_by(|a, b| sum(&a.errors).total_cmp(&sum(&b.errors)))?;
-        let validation = validate("", &before, &best.errors);
-        let chosen = if validation.accepted && validation.gain_percent >= LEAST_FUNCTION_PERCENT {
+        let best = competitors.iter().min_by(|a, b| sum(&a.errors).total_cmp(&sum(&b.errors)));
+        let Some(best) = best.filter(|_| !self.deadline.left_work_out()) else {
+            return comparison;
+        };
+        let before = self.relative_errors(listed.last(base));
+        let takes_much =
+            |own: &Validation| own.accepted && own.gain_percent >= LEAST_FUNCTION_PERCENT;
+        let chosen = if takes_much(&validate("", &before, &best.errors)) {
             best.function.variable()
         } else {
-            let left = self.nonparametric(listed.last(base)).into_iter().find(|left| {
-                left.validation.accepted && left.validation.gain_percent >= LEAST_FUNCTION_PERCENT
-            })?;
+            let beside = comparison.beside_listed.insert(self.nonparametric(listed.last(base)));
+            let Some(left) = beside.iter().find(|left| takes_much(&left.validation)) else {
+                return comparison;
+            };
             left.unlisted.variable
         };
-        competitors
+        comparison.better = competitors
             .into_iter()
-            .find(|own| own.function.variable() == chosen && sum(&own.errors) <= sum(&before))
+            .find(|own| own.function.variable() == chosen && sum(&own.errors) <= sum(&before));
+        comparison
     }
 
     /// The declared model with a nonparametric function, where that explains something by itself,
