@@ -162,6 +162,13 @@ impl Plant {
         self
     }
 
+    /// See [`crate::transmission::Plant::without_energy_balance`].
+    #[must_use]
+    pub fn without_energy_balance(mut self) -> Self {
+        each!(&mut self, plant => plant.forgo_energy_balance());
+        self
+    }
+
     /// Sets the clock by which effects change (s); nothing moves.
     pub fn set_time(&mut self, time_s: f64) {
         each!(self, plant => plant.set_state(State { time_s, ..*plant.state() }));

@@ -115,6 +115,32 @@ fn a_correction_stays_out_of_the_balance() {
     }
 }
 
+/// Hooks that are not called would do nothing: a nonlinear spring of size 0 has all of them called.
+#[test]
+fn hooks_are_left_out_only_where_they_do_nothing() {
+    const NO_SPRING: &str = "nonlinear_stiffness@line=0";
+    for &kind in Kind::ALL {
+        for entry in of_plants().filter(|entry| entry.id != "leakage") {
+            for place in entry.sites {
+                let name = format!("{}@{}", entry.id, place.site);
+                let (_, with_all) = moved(traced(kind, &[&name, NO_SPRING]));
+                let (_, readings) = moved(traced(kind, &[&name]));
+                assert_eq!(readings, with_all, "{name}: does it act on the links of its side?");
+            }
+        }
+    }
+}
+
+#[test]
+fn without_its_energy_balance_a_plant_moves_alike() {
+    for &kind in Kind::ALL {
+        for names in [&[][..], &["backlash@slave"], &["coulomb_friction@master"]] {
+            let (_, alike) = moved(traced(kind, names).without_energy_balance());
+            assert_eq!(moved(traced(kind, names)).1, alike, "{names:?}");
+        }
+    }
+}
+
 /// A file in `src/effects` that declares an effect has a line in [`LIST`].
 #[test]
 fn every_effect_file_is_listed() {

@@ -63,6 +63,10 @@ effect! {
 }
 
 impl Effect for Backlash {
+    fn acts_on_links(&self) -> bool {
+        true
+    }
+
     fn deflect(&mut self, link: &mut Link, _moment: &Moment) {
         let half = match (self.site, link.end) {
             (Site::Master, Side::Master) | (Site::Slave, Side::Slave) => {

@@ -15,8 +15,32 @@ pub(crate) struct Sited {
     pub(crate) stiffness_factor: f64,
     /// Highest rate that effects add, rad/s.
     pub(crate) rate_rad_s: f64,
-    /// Whether there is any effect other than of sensors.
-    pub(crate) any: bool,
+    /// Which hooks must be called.
+    pub(crate) reach: Reach,
+}
+
+/// Which hooks the effects of a plant have, beside those of sensors.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) enum Reach {
+    /// None.
+    #[default]
+    Nothing,
+    /// Those of drive and sides.
+    Sides,
+    /// Those of links and fluid, too.
+    Links,
+}
+
+impl Reach {
+    fn of(effect: &dyn Effect) -> Self {
+        match effect.site() {
+            Site::Sensor => Self::Nothing,
+            Site::Drive => Self::Sides,
+            Site::Line => Self::Links,
+            Site::Master | Site::Slave if effect.acts_on_links() => Self::Links,
+            Site::Master | Site::Slave => Self::Sides,
+        }
+    }
 }
 
 impl Sited {
@@ -41,7 +65,7 @@ impl Sited {
         let mut sited = Self { stiffness_factor: 1.0, ..Self::default() };
         for mut effect in effects {
             effect.prepare(constants);
-            sited.any |= effect.site() != Site::Sensor;
+            sited.reach = sited.reach.max(Reach::of(effect.as_ref()));
             let demand = effect.demand();
             sited.stiffness_factor *= demand.stiffness_factor.max(1.0);
             sited.rate_rad_s = sited.rate_rad_s.max(demand.rate_rad_s);

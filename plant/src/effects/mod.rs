@@ -54,7 +54,7 @@ pub mod viscous_friction;
 
 pub use adjustable_constants::LineConstants;
 pub use by_name::{EffectError, entry, make, of_one_channel, of_plants, parse};
-pub(crate) use by_site::Sited;
+pub(crate) use by_site::{Reach, Sited};
 pub(crate) use declaration::effect;
 pub use declaration::{Entry, Place};
 
@@ -294,6 +294,12 @@ pub trait Effect: Identity + ParameterSet + CloneEffect + fmt::Debug + Send {
     /// Dead time by which it delays all that the instruments read, where it does nothing else, s.
     fn delay_of_all_readings_s(&self) -> Option<f64> {
         None
+    }
+
+    /// Whether it acts on the links at its side (sites master and slave; at the line any effect
+    /// may): [`Effect::deflect`] and [`Effect::link`] may otherwise not be called.
+    fn acts_on_links(&self) -> bool {
+        false
     }
 
     /// Site drive: the amplifier's volts from the commanded.

@@ -87,6 +87,10 @@ impl Effect for NonlinearStiffness {
         }
     }
 
+    fn acts_on_links(&self) -> bool {
+        true
+    }
+
     fn link(&mut self, link: &mut Link, _moment: &Moment) {
         let part = link.deflection_m / self.reference_m;
         // While the slave is driven forward the fluid lags at the master's end and leads at the

@@ -13,7 +13,7 @@ use super::{
     Correction, EnergyBalance, ImposedMotion, Input, Motion, Reading, State, Transmission,
     TransmissionParameters,
 };
-use crate::effects::{Effect, Moment, Site, Sited};
+use crate::effects::{Effect, Moment, Reach, Site, Sited};
 use crate::friction::{Advance, Load};
 use crate::{ParameterError, ParameterSet};
 
@@ -53,6 +53,8 @@ pub struct Plant<L: LineLaw> {
     reading: Reading,
     energy: EnergyBalance,
     stored_at_start_j: f64,
+    /// Whether the energy balance is kept.
+    balances_energy: bool,
 }
 
 /// Positions and velocities of master, slave and both lines at the midpoint of an internal step.
@@ -78,12 +80,12 @@ pub(crate) struct PendingStep {
     at: Midpoint,
 }
 
-/// Calls a method in its version with effects or in that without.
+/// Calls a method in its version with all hooks of effects or in that without any.
 macro_rules! by_effects {
     ($self:ident.$method:ident($($argument:expr),*)) => {
-        match $self.effects.any {
-            true => $self.$method::<true>($($argument),*),
-            false => $self.$method::<false>($($argument),*),
+        match $self.effects.reach {
+            Reach::Nothing => $self.$method::<false, false>($($argument),*),
+            Reach::Sides | Reach::Links => $self.$method::<true, true>($($argument),*),
         }
     };
 }
@@ -135,6 +137,7 @@ impl<L: LineLaw> Plant<L> {
             reading: Reading::default(),
             energy: EnergyBalance::default(),
             stored_at_start_j: 0.0,
+            balances_energy: true,
         };
         plant.rest();
         Ok(plant)
@@ -165,6 +168,18 @@ impl<L: LineLaw> Plant<L> {
 
     pub(crate) fn set_longest_step(&mut self, longest_s: f64) {
         self.constants.longest_step_s = longest_s.min(COARSE * self.constants.stable_step_s);
+    }
+
+    /// Keeps no energy balance, for estimators, which
+    /// simulate thousands of records. [`Transmission::energy`] then means nothing.
+    #[must_use]
+    pub fn without_energy_balance(mut self) -> Self {
+        self.forgo_energy_balance();
+        self
+    }
+
+    pub(crate) fn forgo_energy_balance(&mut self) {
+        self.balances_energy = false;
     }
 
     /// Sets positions and velocities and restarts the energy balance; forces are computed in the
@@ -201,12 +216,14 @@ impl<L: LineLaw> Plant<L> {
             let (stored, lost) = plant.stored_and_lost_j();
             stored + lost
         };
-        let before = total(self);
+        let before = self.balances_energy.then(|| total(self));
         self.state.master_position_rad += correction.master_position_rad;
         self.state.master_velocity_rad_s += correction.master_velocity_rad_s;
         self.state.slave_position_rad += correction.slave_position_rad;
         self.state.slave_velocity_rad_s += correction.slave_velocity_rad_s;
-        self.stored_at_start_j += total(self) - before;
+        if let Some(before) = before {
+            self.stored_at_start_j += total(self) - before;
+        }
     }
 
     /// Inertia of the slave, effects included, kg·m².
@@ -267,8 +284,12 @@ const LINKS: [(usize, usize); 4] = [(0, 0), (0, 1), (1, 0), (1, 1)];
 
 impl<L: LineLaw> Transmission for Plant<L> {
     fn step(&mut self, input: Input, dt_s: f64) {
-        // Compiled twice: without the hooks a plant is twice as fast, and most have no effects.
-        by_effects!(self.step_with(input, dt_s));
+        // Compiled for each reach: each hook that is not called makes a plant faster.
+        match self.effects.reach {
+            Reach::Nothing => self.step_with::<false, false>(input, dt_s),
+            Reach::Sides => self.step_with::<true, false>(input, dt_s),
+            Reach::Links => self.step_with::<true, true>(input, dt_s),
+        }
     }
 
     fn step_imposed(&mut self, master: ImposedMotion, hand_torque_nm: f64, dt_s: f64) {

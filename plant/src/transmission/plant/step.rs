@@ -7,18 +7,22 @@ use crate::transmission::line_law::{Coupling, Middle};
 use crate::transmission::{ImposedMotion, Input, sub_steps};
 
 impl<L: LineLaw> Plant<L> {
-    pub(super) fn step_with<const EFFECTS: bool>(&mut self, input: Input, dt_s: f64) {
+    pub(super) fn step_with<const EFFECTS: bool, const LINKS: bool>(
+        &mut self,
+        input: Input,
+        dt_s: f64,
+    ) {
         let (count, step) = sub_steps(dt_s, self.constants.longest_step_s);
         for _ in 0..count {
-            let pending = self.begin_with::<EFFECTS>(input, step);
+            let pending = self.begin_with::<EFFECTS, LINKS>(input, step);
             let slave = advance(self.state.slave_velocity_rad_s, step, &pending.load);
-            self.complete_with::<EFFECTS>(&pending, slave);
+            self.complete_with::<EFFECTS, LINKS>(&pending, slave);
         }
         self.read(input.motor_v, input.hand_torque_nm);
     }
 
     #[inline(always)]
-    pub(super) fn begin_with<const EFFECTS: bool>(
+    pub(super) fn begin_with<const EFFECTS: bool, const LINKS: bool>(
         &mut self,
         input: Input,
         step: f64,
@@ -30,7 +34,7 @@ impl<L: LineLaw> Plant<L> {
         } else {
             per_volt * input.motor_v
         };
-        let coupling = self.couple::<EFFECTS>(&at);
+        let coupling = self.couple::<LINKS>(&at);
         let (mut load, effect_nm, _) = self.side::<EFFECTS>(Side::Master, &coupling, &at);
         load.force += motor_torque;
         let master = advance(self.state.master_velocity_rad_s, step, &load);
@@ -39,7 +43,7 @@ impl<L: LineLaw> Plant<L> {
         self.reach_slave::<EFFECTS>(master, coupling, input.hand_torque_nm, at)
     }
 
-    pub(super) fn step_imposed_with<const EFFECTS: bool>(
+    pub(super) fn step_imposed_with<const EFFECTS: bool, const LINKS: bool>(
         &mut self,
         target: ImposedMotion,
         hand_torque_nm: f64,
@@ -56,14 +60,14 @@ impl<L: LineLaw> Plant<L> {
             at.half[0] = 0.5 * (position + next);
             at.mean[0] = (next - position) / step;
             at.moment = Moment::middle(self.state.time_s, step, &at.half, &at.mean);
-            let coupling = self.couple::<EFFECTS>(&at);
+            let coupling = self.couple::<LINKS>(&at);
             let (load, effect_nm, _) = self.side::<EFFECTS>(Side::Master, &coupling, &at);
             let driven = impose(speed, next_speed, next - position, step, &load);
             self.count_side(&driven.moved, effect_nm, driven.work);
             self.state.motor_torque_nm = driven.force;
             let pending = self.reach_slave::<EFFECTS>(driven.moved, coupling, hand_torque_nm, at);
             let slave = advance(self.state.slave_velocity_rad_s, step, &pending.load);
-            self.complete_with::<EFFECTS>(&pending, slave);
+            self.complete_with::<EFFECTS, LINKS>(&pending, slave);
         }
         self.read(0.0, hand_torque_nm);
     }
@@ -88,7 +92,7 @@ impl<L: LineLaw> Plant<L> {
 
     /// The forces of the four links, each computed once.
     #[inline(always)]
-    fn couple<const EFFECTS: bool>(&mut self, at: &Midpoint) -> Coupling {
+    fn couple<const LINKS: bool>(&mut self, at: &Midpoint) -> Coupling {
         let mut coupling = Coupling::default();
         let (Midpoint { half, mean, moment }, constants) = (at, &self.constants);
         for line in 0..2 {
@@ -110,11 +114,11 @@ impl<L: LineLaw> Plant<L> {
                     fluid_force_n: 0.0,
                     fluid_damping_n_s_per_m: 0.0,
                 };
-                if EFFECTS {
+                if LINKS {
                     self.effects.links(end, |effect| effect.deflect(&mut link, moment));
                 }
                 coupling.declared[line][index] = self.law.force(&mut link, deflection, rate);
-                if EFFECTS {
+                if LINKS {
                     self.effects.links(end, |effect| effect.link(&mut link, moment));
                 }
                 coupling.reported_n[line][index] = self.law.limit(&mut link);
@@ -170,7 +174,7 @@ impl<L: LineLaw> Plant<L> {
 
     /// Everything after the slave has moved: lines, energy, time.
     #[inline(always)]
-    pub(super) fn complete_with<const EFFECTS: bool>(
+    pub(super) fn complete_with<const EFFECTS: bool, const LINKS: bool>(
         &mut self,
         pending: &PendingStep,
         slave: Advance,
@@ -194,12 +198,12 @@ impl<L: LineLaw> Plant<L> {
             };
             let effects = &mut self.effects;
             let moved = self.law.advance_middle(&middle, coupling, |coefficient| {
-                if EFFECTS { effects.fluid(coefficient, moment) } else { coefficient }
+                if LINKS { effects.fluid(coefficient, moment) } else { coefficient }
             });
-            if EFFECTS {
+            if LINKS {
                 self.effects.flowed(line, moved.displacement, moment);
             }
-            self.count_line::<EFFECTS>(line, &moved, coupling, (sides, step));
+            self.count_line::<LINKS>(line, &moved, coupling, (sides, step));
             *advanced = moved;
         }
 
@@ -230,6 +234,9 @@ impl<L: LineLaw> Plant<L> {
     /// Adds a side's losses and work to the energy balance.
     #[inline(always)]
     fn count_side(&mut self, moved: &Advance, effect_nm: f64, work_j: f64) {
+        if !self.balances_energy {
+            return;
+        }
         self.energy.dissipated_j += moved.dissipated;
         self.energy.effects_j -= effect_nm * moved.displacement;
         self.energy.count_input(work_j);
@@ -237,13 +244,16 @@ impl<L: LineLaw> Plant<L> {
 
     /// Adds the losses of a line, and what effects took from it, to the energy balance.
     #[inline(always)]
-    fn count_line<const EFFECTS: bool>(
+    fn count_line<const LINKS: bool>(
         &mut self,
         line: usize,
         moved: &Advance,
         coupling: &Coupling,
         (sides, step): ([f64; 2], f64),
     ) {
+        if !self.balances_energy {
+            return;
+        }
         self.energy.dissipated_j += moved.dissipated;
         for (end, angle) in sides.into_iter().enumerate() {
             let at_end = self.constants.displacement[end] * angle;
@@ -251,7 +261,7 @@ impl<L: LineLaw> Plant<L> {
             let declared = &coupling.declared[line][end];
             let lost = declared.damper_n * relative;
             self.energy.dissipated_j += lost;
-            if EFFECTS {
+            if LINKS {
                 let on_middle = coupling.middle_n[line][end]
                     + coupling.middle_damping[line][end] * moved.displacement / step;
                 let taken = on_middle * moved.displacement - coupling.end_n[line][end] * at_end;

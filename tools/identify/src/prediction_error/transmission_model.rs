@@ -317,7 +317,8 @@ impl TransmissionModel {
             .constants(setting)?
             .plant(in_plant)
             .ok()?
-            .with_longest_step(record.step_s / f64::from(self.steps));
+            .with_longest_step(record.step_s / f64::from(self.steps))
+            .without_energy_balance();
         // Late readings are advanced in time: an observer with delayed feedback would oscillate.
         let late = late_s / record.step_s;
         let known = record.volts.len().saturating_sub(late.ceil() as usize);
