@@ -152,7 +152,7 @@ const TABLE: &[Set] = &[
         may_follow: &["quadratic_drag"],
         // A longer part, with the right sizes, stands in `oscillator.rs`: the whole record would
         // take three quarters of the time of all.
-        rows: 12_000,
+        rows: 8_000,
         ..Set::ANY
     },
 ];

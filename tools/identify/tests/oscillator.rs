@@ -186,16 +186,16 @@ fn unusable_data_are_refused_with_a_reason() {
     assert!(text.contains("row 42") && text.contains("output"), "{text}");
     let text = broken(&|s| s.columns[1].0 = "force".into());
     assert!(text.contains("expected a column input"), "{text}");
-    let text = broken(&|s| s.columns.iter_mut().for_each(|c| c.1.truncate(200)));
+    let text = broken(&|s| s.columns.iter_mut().for_each(|c| c.1.truncate(17_000)));
     assert!(text.contains("200 rows"), "{text}");
 }
 
 #[test]
 fn the_measured_silverbox_record_has_a_cubic_spring() {
     let Some(mut series) = measured("silverbox_multisine.csv") else { return };
-    // A third of the record: the whole takes more than a minute, and its figures stand in
+    // A quarter of the record: the whole takes more than a minute, and its figures stand in
     // `docs/identify-measured.md`.
-    series.columns.iter_mut().for_each(|column| column.1.truncate(22_000));
+    series.columns.iter_mut().for_each(|column| column.1.truncate(17_000));
     let outcome = run(&shipped("silverbox.toml"), &[series]).unwrap();
     assert_eq!(ids(&outcome)[0], "nonlinear_stiffness", "{:#?}", outcome.candidates);
     let error = &outcome.error["output"];
