@@ -6,15 +6,15 @@
 //! ([`super::free_parameter`]); one prior row per declared parameter keeps unidentifiable ones near
 //! their declared values.
 
-use std::cell::RefCell;
 use std::f64::consts::FRAC_PI_2;
 
-use levenberg_marquardt::{LeastSquaresProblem, LevenbergMarquardt};
-use nalgebra::storage::Owned;
-use nalgebra::{DMatrix, DVector, Dyn};
+use levenberg_marquardt::LevenbergMarquardt;
+use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
+use super::fit_problem::Problem;
 use super::free_parameter::FreeParameter;
+use super::known_columns::KnownColumns;
 use super::transmission_model::{Residual, Setting, TransmissionModel};
 use crate::deadline::{Deadline, NEVER};
 use crate::equation_error::block_roles::Role;
@@ -25,13 +25,8 @@ const INSENSITIVE: f64 = 1e-6;
 /// rows are correlated: some tens of them carry as much information as one independent row.
 const PRIOR_WEIGHT: f64 = 5.0;
 
-/// Broyden updates after which the Jacobian is computed afresh.
-const MOST_UPDATES: usize = 8;
-/// Decrease of the criterion per row below which the Jacobian is computed afresh.
-const LEAST_DECREASE: f64 = 1e-3;
-
 /// Number of starting points that are continued after a brief fit.
-const LEADING: usize = 3;
+pub(super) const LEADING: usize = 3;
 
 /// A model and the records on which it is evaluated.
 #[derive(Clone, Debug)]
@@ -123,7 +118,7 @@ impl Dataset<'_> {
 
     /// Prior row: weighted deviation of a declared parameter from its declared value, relative to
     /// its tolerance.
-    fn off(&self, setting: &Setting, index: usize) -> f64 {
+    pub(super) fn off(&self, setting: &Setting, index: usize) -> f64 {
         let parameter = &self.model.base[index];
         parameter.declared.map_or(0.0, |declared| {
             PRIOR_WEIGHT * 2.0 * (setting.base[index] - declared) / (parameter.high - parameter.low)
@@ -131,7 +126,7 @@ impl Dataset<'_> {
     }
 
     /// Derivative of the prior row with respect to the unbounded variable; 0 for others.
-    fn off_slope(&self, parameter: &FreeParameter, setting: &Setting) -> f64 {
+    pub(super) fn off_slope(&self, parameter: &FreeParameter, setting: &Setting) -> f64 {
         match parameter {
             // Derivative of `sin(u)`; the declared value is at, or near, the middle of the range.
             FreeParameter::Base(index) if self.model.base[*index].declared.is_some() => {
@@ -245,41 +240,33 @@ impl Dataset<'_> {
         parameters: &[FreeParameter],
         rounds: usize,
     ) -> Option<Fitted> {
+        self.fit_beginning_with(start, parameters, rounds, None)
+    }
+
+    /// As [`Self::fit`]; the first round begins with columns of a Jacobian that holds nearby.
+    pub fn fit_beginning_with(
+        &self,
+        start: &Setting,
+        parameters: &[FreeParameter],
+        rounds: usize,
+        mut columns: Option<&KnownColumns>,
+    ) -> Option<Fitted> {
         let mut best = self.evaluate(self.inside(start.clone(), parameters))?;
         for _ in (0..rounds).take_while(|_| !self.deadline.has_passed()) {
             let before = best.objective;
-            let problem = Problem {
-                dataset: self,
-                parameters,
-                weights: Self::weights(&best.residuals),
-                open: DVector::from_iterator(
-                    parameters.len(),
-                    parameters
-                        .iter()
-                        .map(|parameter| parameter.unbounded(self.model, &best.setting)),
-                ),
-                now: Some(best.clone()),
-                before: None,
-                template: best.setting.clone(),
-                known: RefCell::new(None),
-            };
-            let (mut problem, _) = LevenbergMarquardt::new()
+            let columns = columns.take();
+            let (problem, _) = LevenbergMarquardt::new()
                 .with_ftol(1e-4)
                 .with_xtol(1e-9)
                 .with_stepbound(3.0)
-                .minimize(problem);
-            // The solver may end on a rejected step.
-            let kept = problem.before.take().and_then(|(_, fitted)| fitted);
-            let now = [problem.now.take(), kept]
-                .into_iter()
-                .flatten()
-                .min_by(|a, b| a.objective.total_cmp(&b.objective));
-            match now {
+                .minimize(Problem::new(self, parameters, &best, columns));
+            match problem.best() {
                 Some(now) if now.objective < best.objective => best = now,
-                _ => break,
+                _ if columns.is_none() => break,
+                _ => {}
             }
             // Converged: the criterion fell by less than 2e-4 per row.
-            if before - best.objective < 2e-4 * best.rows() as f64 {
+            if columns.is_none() && before - best.objective < 2e-4 * best.rows() as f64 {
                 break;
             }
         }
@@ -293,10 +280,11 @@ impl Dataset<'_> {
         starts: &[Setting],
         parameters: &[FreeParameter],
         rounds: usize,
+        columns: Option<&KnownColumns>,
     ) -> Vec<Fitted> {
+        let brief = |start: &Setting| self.fit_beginning_with(start, parameters, rounds, columns);
         let begun = starts.par_iter().filter(|_| !self.deadline.has_passed());
-        let mut begun: Vec<Fitted> =
-            begun.filter_map(|start| self.fit(start, parameters, rounds)).collect();
+        let mut begun: Vec<Fitted> = begun.filter_map(brief).collect();
         begun.sort_by(|a, b| a.objective.total_cmp(&b.objective));
         begun.truncate(LEADING);
         begun
@@ -309,138 +297,6 @@ pub fn objective(residuals: &[Residual]) -> f64 {
         channel.len() as f64 * super::record::rms(channel.iter().copied()).max(1e-9).ln()
     };
     residuals.iter().flat_map(|residual| &residual.channels).map(one).sum()
-}
-
-/// One round of a fit with constant weights.
-struct Problem<'a, 'b> {
-    dataset: &'a Dataset<'b>,
-    parameters: &'a [FreeParameter],
-    weights: Vec<Vec<f64>>,
-    open: DVector<f64>,
-    now: Option<Fitted>,
-    /// The point before the last step, restored if the step is rejected.
-    before: Option<(DVector<f64>, Option<Fitted>)>,
-    template: Setting,
-    /// The current Jacobian.
-    known: RefCell<Option<BroydenJacobian>>,
-}
-
-/// A Jacobian with Broyden's rank-one updates: an update costs one simulation per record, a new
-/// Jacobian one per record and parameter.
-struct BroydenJacobian {
-    /// Point at which it holds.
-    open: DVector<f64>,
-    /// Residual rows there.
-    rows: DVector<f64>,
-    /// Criterion there.
-    objective: f64,
-    jacobian: DMatrix<f64>,
-    /// Updates since it was computed.
-    steps: usize,
-}
-
-impl BroydenJacobian {
-    /// Updates the Jacobian; `false` where it should be computed afresh, after too many updates or
-    /// too small a decrease.
-    fn update(&mut self, open: &DVector<f64>, rows: DVector<f64>, objective: f64) -> bool {
-        let step = open - &self.open;
-        let length = step.norm_squared();
-        let gained = (self.objective - objective) / rows.len() as f64;
-        if self.steps >= MOST_UPDATES || gained < LEAST_DECREASE || length <= f64::MIN_POSITIVE {
-            return false;
-        }
-        let beyond = &rows - &self.rows - &self.jacobian * &step;
-        self.jacobian.ger(1.0 / length, &beyond, &step, 1.0);
-        (self.open, self.rows, self.objective) = (open.clone(), rows, objective);
-        self.steps += 1;
-        true
-    }
-}
-
-impl Problem<'_, '_> {
-    fn rows(&self) -> usize {
-        let model = self.dataset.model;
-        let of =
-            |record: &usize| model.channels(*record).len() * model.records[*record].residual_rows();
-        self.dataset.records.iter().map(of).sum::<usize>() + self.declared().count()
-    }
-
-    fn declared(&self) -> impl Iterator<Item = usize> {
-        self.parameters.iter().filter_map(|parameter| match parameter {
-            FreeParameter::Base(index) => Some(*index),
-            _ => None,
-        })
-    }
-}
-
-impl LeastSquaresProblem<f64, Dyn, Dyn> for Problem<'_, '_> {
-    type ResidualStorage = Owned<f64, Dyn>;
-    type JacobianStorage = Owned<f64, Dyn, Dyn>;
-    type ParameterStorage = Owned<f64, Dyn>;
-
-    fn set_params(&mut self, open: &DVector<f64>) {
-        if *open == self.open {
-            return;
-        }
-        let left = (std::mem::replace(&mut self.open, open.clone()), self.now.take());
-        match self.before.replace(left) {
-            Some((known, fitted)) if known == *open => {
-                self.now = fitted;
-                return;
-            }
-            _ => {}
-        }
-        let mut setting = self.template.clone();
-        for (parameter, open) in self.parameters.iter().zip(open.iter()) {
-            parameter.set_unbounded(self.dataset.model, &mut setting, *open);
-        }
-        self.now = self.dataset.evaluate(setting);
-    }
-
-    fn params(&self) -> DVector<f64> {
-        self.open.clone()
-    }
-
-    fn residuals(&self) -> Option<DVector<f64>> {
-        // A step that cannot be simulated is rejected, not an error.
-        let Some(now) = self.now.as_ref() else {
-            return Some(DVector::from_element(self.rows(), 1e6));
-        };
-        let rows = Dataset::stack(&now.residuals, &self.weights);
-        let off: Vec<f64> =
-            self.declared().map(|index| self.dataset.off(&now.setting, index)).collect();
-        let data = rows.len();
-        let mut all = rows.resize_vertically(data + off.len(), 0.0);
-        for (row, off) in off.into_iter().enumerate() {
-            all[data + row] = off;
-        }
-        Some(all)
-    }
-
-    fn jacobian(&self) -> Option<DMatrix<f64>> {
-        let now = self.now.as_ref().filter(|_| !self.dataset.deadline.has_passed())?;
-        let rows = self.residuals()?;
-        let mut known = self.known.borrow_mut();
-        if let Some(known) = known.as_mut() {
-            return known.update(&self.open, rows, now.objective).then(|| known.jacobian.clone());
-        }
-        let jacobian = self.dataset.jacobian(now, self.parameters, &self.weights);
-        let data = jacobian.nrows();
-        let mut all = jacobian.resize_vertically(data + self.declared().count(), 0.0);
-        let of_declared =
-            self.parameters.iter().enumerate().filter(|(_, parameter)| parameter.is_base());
-        for (row, (column, parameter)) in of_declared.enumerate() {
-            all[(data + row, column)] = self.dataset.off_slope(parameter, &now.setting);
-        }
-        *known = Some(BroydenJacobian {
-            open: self.open.clone(),
-            rows,
-            objective: now.objective,
-            jacobian: all.clone(),
-            steps: 0,
-        });
-        Some(all)
-    }
 }
 
 impl Dataset<'_> {

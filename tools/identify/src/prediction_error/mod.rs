@@ -36,8 +36,10 @@
 pub mod backward_elimination;
 pub mod candidates;
 pub mod fit;
+mod fit_problem;
 pub mod free_parameter;
 pub mod identifiability;
+pub mod known_columns;
 pub mod localisation;
 pub mod nonparametric;
 pub mod nonparametric_search;

@@ -4,10 +4,11 @@ use nalgebra::DMatrix;
 use rayon::prelude::*;
 
 use super::candidates::Candidate;
-use super::fit::{Dataset, Fitted};
+use super::fit::{Dataset, Fitted, LEADING};
 use super::free_parameter::FreeParameter;
+use super::known_columns::KnownColumns;
 use super::selection_round::FittedCandidate;
-use super::transmission_model::{SMOOTHING, SMOOTHING_STARTS, Setting};
+use super::transmission_model::{PlacedEffect, SMOOTHING, SMOOTHING_STARTS, Setting};
 use super::validation::above_floor;
 
 /// Most refits of a model with an effect while it stays above the noise floor.
@@ -95,17 +96,7 @@ pub fn refit(
         let mut starts = vec![now.setting.clone(), fresh.clone()];
         if (of.sizes > 1 || of.multi_start.is_some()) && pass == 0 {
             // Correlated parameters have several local minima.
-            let others = [&fresh, &now.setting].into_iter().flat_map(|from| {
-                of.starts.iter().filter_map(|start| {
-                    let mut setting = from.clone();
-                    setting.placed.last_mut()?.values.clone_from(&start.values);
-                    Some(setting)
-                })
-            });
-            let others: Vec<Setting> = others.collect();
-            starts.extend(
-                fit.leading(&others, &parameters, 1).into_iter().map(|begun| begun.setting),
-            );
+            starts.extend(other_starts(fit, of, [&fresh, &now.setting], &parameters));
         }
         let again = starts.par_iter().filter_map(|start| fit.fit(start, &parameters, 4));
         let again: Vec<Fitted> = again.collect();
@@ -119,4 +110,30 @@ pub fn refit(
         }
     }
     Fitted { parameters, ..now }
+}
+
+/// Returns the best starting points of an effect in place of the last, from several settings, after
+/// a brief fit with the Jacobian of each setting.
+fn other_starts(
+    fit: &Dataset<'_>,
+    of: &Candidate,
+    from: [&Setting; 2],
+    parameters: &[FreeParameter],
+) -> Vec<Setting> {
+    let base: Vec<FreeParameter> =
+        parameters.iter().filter(|parameter| parameter.is_base()).cloned().collect();
+    let brief = |from: &Setting| -> Vec<Fitted> {
+        let here = fit.evaluate(fit.inside(from.clone(), parameters));
+        let columns = here.map(|here| KnownColumns::at(fit, &here, &base));
+        let with = |start: &PlacedEffect| {
+            let mut setting = from.clone();
+            setting.placed.last_mut()?.values.clone_from(&start.values);
+            Some(setting)
+        };
+        let starts: Vec<Setting> = of.starts.iter().filter_map(with).collect();
+        fit.leading(&starts, parameters, 1, columns.as_ref())
+    };
+    let mut begun: Vec<Fitted> = from.into_iter().flat_map(brief).collect();
+    begun.sort_by(|a, b| a.objective.total_cmp(&b.objective));
+    begun.into_iter().take(LEADING).map(|begun| begun.setting).collect()
 }

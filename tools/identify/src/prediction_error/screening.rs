@@ -11,14 +11,13 @@ use rayon::prelude::*;
 use super::candidates::Candidate;
 use super::fit::{Dataset, Fitted};
 use super::free_parameter::{AT_BOUND, FreeParameter};
+use super::known_columns::KnownColumns;
 use super::transmission_model::{PlacedEffect, Setting};
 
 /// The residual of a fit, projected onto the complement of its own Jacobian.
 pub struct Projection {
-    /// Weights of every record and channel.
-    pub weights: Vec<Vec<f64>>,
-    /// Jacobian of the weighted residual.
-    pub jacobian: DMatrix<f64>,
+    /// Jacobian of the weighted residual, and its weights.
+    pub columns: KnownColumns,
     here: DVector<f64>,
     basis: DMatrix<f64>,
     left: DVector<f64>,
@@ -55,20 +54,19 @@ impl Projection {
     /// Projects the residual of a fit by its estimated parameters.
     pub fn new(dataset: &Dataset<'_>, fitted: &Fitted) -> Self {
         let parameters = &fitted.parameters;
-        let weights = Dataset::weights(&fitted.residuals);
-        let here = Dataset::stack(&fitted.residuals, &weights);
-        let jacobian = dataset.jacobian(fitted, parameters, &weights);
+        let known = KnownColumns::at(dataset, fitted, parameters);
+        let here = Dataset::stack(&fitted.residuals, &known.weights);
         // A parameter at its bound cannot explain more.
         let inside = |parameter: &FreeParameter| {
             parameter.normalised(dataset.model, &fitted.setting).abs() < AT_BOUND
         };
         let columns = parameters
             .iter()
-            .zip(jacobian.column_iter())
+            .zip(known.jacobian.column_iter())
             .filter(|(parameter, _)| inside(parameter));
         let basis = basis(columns.map(|(_, column)| column.into_owned()), here.len());
         let left = &here - &basis * (basis.transpose() * &here);
-        Self { weights, jacobian, here, basis, left }
+        Self { columns: known, here, basis, left }
     }
 
     /// Returns the weighted, projected change of the residual; `None` if the setting cannot be
@@ -77,7 +75,8 @@ impl Projection {
         if dataset.deadline.has_passed() {
             return None;
         }
-        let change = Dataset::stack(&dataset.residuals(setting)?, &self.weights) - &self.here;
+        let change =
+            Dataset::stack(&dataset.residuals(setting)?, &self.columns.weights) - &self.here;
         Some(&change - &self.basis * (self.basis.transpose() * &change))
     }
 

@@ -8,6 +8,7 @@ use rayon::prelude::*;
 use super::candidates::{Candidate, free_parameters_of};
 use super::fit::{Dataset, Fitted};
 use super::free_parameter::{AT_BOUND, FreeParameter};
+use super::known_columns::KnownColumns;
 use super::localisation::localise;
 use super::screening::{Projection, ScoredCandidate};
 use super::transmission_model::{PlacedEffect, Residual, Setting, TransmissionModel};
@@ -79,8 +80,8 @@ impl SelectionRound<'_> {
         let nearest = tried.iter().min_by(|a, b| a.fitted.objective.total_cmp(&b.fitted.objective));
         let Some(nearest) = nearest else { return tried };
         if !at_floor(self.fit.model, &self.select.records, &nearest.fitted.setting) {
-            self.refit_from_declared(&mut tried, &chosen);
-            self.refit_from_all_starts(&mut tried);
+            let at_declared = self.refit_from_declared(&mut tried, &chosen);
+            self.refit_from_all_starts(&mut tried, (&projection, at_declared.as_ref()));
             chosen = foremost(&tried);
         }
         // Candidates far behind cannot win after refinement.
@@ -121,11 +122,18 @@ impl SelectionRound<'_> {
         Some(FittedCandidate { candidate, fitted, validation })
     }
 
-    fn fitted(&self, candidate: usize, start: &Setting, rounds: usize) -> Option<FittedCandidate> {
+    fn fitted(
+        &self,
+        candidate: usize,
+        start: &Setting,
+        rounds: usize,
+        columns: Option<&KnownColumns>,
+    ) -> Option<FittedCandidate> {
         if self.fit.deadline.has_passed() {
             return None;
         }
-        let fitted = self.fit.fit(start, &self.free(candidate, start), rounds)?;
+        let free = self.free(candidate, start);
+        let fitted = self.fit.fit_beginning_with(start, &free, rounds, columns)?;
         self.validation(candidate, fitted)
     }
 
@@ -140,10 +148,11 @@ impl SelectionRound<'_> {
         let own = &free[known..];
         let mut fitted = self.fit.evaluate(self.fit.inside(start, &free))?;
         for _ in 0..QUICK_STEPS {
-            let of_effect = self.fit.jacobian(&fitted, own, &projection.weights);
-            let mut jacobian = projection.jacobian.clone().resize_horizontally(free.len(), 0.0);
+            let KnownColumns { weights, jacobian, .. } = &projection.columns;
+            let of_effect = self.fit.jacobian(&fitted, own, weights);
+            let mut jacobian = jacobian.clone().resize_horizontally(free.len(), 0.0);
             jacobian.columns_mut(known, of_effect.ncols()).copy_from(&of_effect);
-            match self.fit.step(&fitted, &free, &jacobian, &projection.weights) {
+            match self.fit.step(&fitted, &free, &jacobian, weights) {
                 Some(better) => fitted = better,
                 None => break,
             }
@@ -155,7 +164,7 @@ impl SelectionRound<'_> {
     fn improve(&self, tried: &mut Vec<FittedCandidate>, chosen: &[usize], rounds: usize) {
         let start = |index: &usize| (tried[*index].candidate, tried[*index].fitted.setting.clone());
         let starts: Vec<(usize, Setting)> = chosen.iter().map(start).collect();
-        self.fit_from(tried, &starts, rounds);
+        self.fit_from(tried, &starts, rounds, None);
     }
 
     /// Fits candidates from starting points, in parallel.
@@ -164,17 +173,23 @@ impl SelectionRound<'_> {
         tried: &mut Vec<FittedCandidate>,
         starts: &[(usize, Setting)],
         rounds: usize,
+        columns: Option<&KnownColumns>,
     ) {
         let found: Vec<FittedCandidate> = starts
             .par_iter()
-            .filter_map(|(candidate, start)| self.fitted(*candidate, start, rounds))
+            .filter_map(|(candidate, start)| self.fitted(*candidate, start, rounds, columns))
             .collect();
         found.into_iter().for_each(|found| better_of(tried, found));
     }
 
     /// Without the effect, declared parameters may have been biased until little of it shows;
-    /// candidates are therefore also screened and fitted from the declared values.
-    fn refit_from_declared(&self, tried: &mut Vec<FittedCandidate>, chosen: &[usize]) {
+    /// candidates are therefore also screened and fitted from the declared values. Returns the
+    /// projection there; `None` if that cannot be simulated, or after the deadline.
+    fn refit_from_declared(
+        &self,
+        tried: &mut Vec<FittedCandidate>,
+        chosen: &[usize],
+    ) -> Option<Projection> {
         let model = self.fit.model;
         if self.now.setting.placed.is_empty() {
             let fresh = |index: &usize| {
@@ -183,27 +198,32 @@ impl SelectionRound<'_> {
             };
             let starts: Vec<(usize, Setting)> =
                 chosen.iter().take(REFITTED_FROM_DECLARED).map(fresh).collect();
-            self.fit_from(tried, &starts, CONVERGENCE_ROUNDS);
+            self.fit_from(tried, &starts, CONVERGENCE_ROUNDS, None);
         }
         if self.fit.deadline.has_passed() {
-            return;
+            return None;
         }
         // Beside an effect the declared values may diverge.
         let parameters = self.now.parameters.clone();
         let declared = self.fit.inside(declared(model, &self.now.setting), &parameters);
-        let Some(start) = self.fit.evaluate(declared) else { return };
-        let start = Fitted { parameters, ..start };
-        let ranked = Projection::new(self.fit, &start).rank(self.fit, &start, self.candidates);
+        let start = Fitted { parameters, ..self.fit.evaluate(declared)? };
+        let projection = Projection::new(self.fit, &start);
+        let ranked = projection.rank(self.fit, &start, self.candidates);
         let with =
             |scored: &ScoredCandidate| (scored.candidate, start.setting.with(&scored.placed));
         let starts: Vec<(usize, Setting)> = ranked.iter().take(FROM_DECLARED).map(with).collect();
-        self.fit_from(tried, &starts, QUICK_STEPS);
+        self.fit_from(tried, &starts, QUICK_STEPS, Some(&projection.columns));
+        Some(projection)
     }
 
     /// Fits multi-start candidates from all their starting points, at the current parameters; where
     /// the unmodelled torque was localised, only candidates at that site, and from the declared
     /// values too.
-    fn refit_from_all_starts(&self, tried: &mut Vec<FittedCandidate>) {
+    fn refit_from_all_starts(
+        &self,
+        tried: &mut Vec<FittedCandidate>,
+        (here, at_declared): (&Projection, Option<&Projection>),
+    ) {
         let localisation = localise((self.fit, self.select), &self.now.setting)
             .filter(|localisation| localisation.site() != Site::Line);
         let started = |from: &Setting, of: &Candidate| -> Vec<Setting> {
@@ -221,13 +241,15 @@ impl SelectionRound<'_> {
             if self.fit.deadline.has_passed() {
                 return;
             }
-            let begun = |from: &Setting, rounds: usize| match started(from, of) {
-                starts if starts.is_empty() => Vec::new(),
-                starts => self.fit.leading(&starts, &self.free(candidate, &starts[0]), rounds),
+            let begun = |from: &Setting, rounds: usize, at: Option<&Projection>| {
+                let starts = started(from, of);
+                let Some(first) = starts.first() else { return Vec::new() };
+                let free = self.free(candidate, first);
+                self.fit.leading(&starts, &free, rounds, at.map(|at| &at.columns))
             };
-            let mut leading = begun(&self.now.setting, 1);
+            let mut leading = begun(&self.now.setting, 1, Some(here));
             if localisation.is_some() {
-                leading.extend(begun(&declared, START_ROUNDS));
+                leading.extend(begun(&declared, START_ROUNDS, at_declared));
             }
             let nearest =
                 tried.iter().map(|tried| tried.fitted.objective).fold(f64::INFINITY, f64::min);
@@ -235,7 +257,7 @@ impl SelectionRound<'_> {
             leading.retain(|begun| begun.objective <= reach);
             let starts: Vec<(usize, Setting)> =
                 leading.into_iter().map(|begun| (candidate, begun.setting)).collect();
-            self.fit_from(tried, &starts, MULTI_START_ROUNDS);
+            self.fit_from(tried, &starts, MULTI_START_ROUNDS, None);
         }
     }
 
@@ -254,7 +276,7 @@ impl SelectionRound<'_> {
         };
         let starts: Vec<(usize, Setting)> =
             self.candidates[candidate].starts.iter().map(with).collect();
-        self.fit_from(tried, &starts, MULTI_START_ROUNDS);
+        self.fit_from(tried, &starts, MULTI_START_ROUNDS, None);
     }
 
     /// Fits the best effect at its other sites, and the simpler effect that it degenerates into at
@@ -285,7 +307,7 @@ impl SelectionRound<'_> {
         let others = self.candidates.iter().enumerate();
         let others = others.filter(|(candidate, of)| of.id == id && *candidate != from);
         let starts: Vec<(usize, Setting)> = others.map(moved).collect();
-        self.fit_from(tried, &starts, CONVERGENCE_ROUNDS);
+        self.fit_from(tried, &starts, CONVERGENCE_ROUNDS, None);
     }
 }
 
