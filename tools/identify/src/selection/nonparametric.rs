@@ -14,6 +14,11 @@ use crate::equation_error::spline::{Spline, Variable};
 /// Least gain of a nonparametric function in screening for which it is simulated (%).
 const LEAST_NONPARAMETRIC_PERCENT: f64 = 3.0;
 
+/// Least gain of a function of the acceleration (%). The acceleration is the position's second
+/// derivative and has its noise: the force over a variable with noise bends although the law is
+/// straight (errors in variables), and a function takes a part of what the noise leaves.
+const LEAST_OF_ACCELERATION_PERCENT: f64 = 30.0;
+
 /// A residual that no listed effect explains, as a function of one variable.
 #[derive(Clone, Debug)]
 pub struct Unlisted {
@@ -64,6 +69,8 @@ impl Search<'_> {
         let one = |variable: Variable| {
             let mut one = self.nonparametric_in(current, variable)?;
             one.validation.accepted &= one.validation.gain_percent >= least_percent;
+            let small = one.validation.gain_percent < LEAST_OF_ACCELERATION_PERCENT;
+            one.validation.exclude_if(variable == Variable::Acceleration && small);
             Some(one)
         };
         let mut tried: Vec<NonparametricFit> = Variable::ALL.into_iter().filter_map(one).collect();
