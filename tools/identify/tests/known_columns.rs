@@ -1,7 +1,7 @@
 //! A Jacobian completed from known columns is the one computed whole.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
-use identify::prediction_error::fit::Dataset;
+use identify::prediction_error::dataset::Dataset;
 use identify::prediction_error::free_parameter::FreeParameter;
 use identify::prediction_error::known_columns::KnownColumns;
 use identify::prediction_error::transmission_model::TransmissionModel;

@@ -8,7 +8,7 @@ use std::sync::{Arc, LazyLock};
 use identify::deadline::{Deadline, NEVER};
 use identify::equation_error::block_roles::Role;
 use identify::prediction_error::candidates::{Candidate, candidates, free_parameters_of};
-use identify::prediction_error::fit::Dataset;
+use identify::prediction_error::dataset::Dataset;
 use identify::prediction_error::free_parameter::FreeParameter;
 use identify::prediction_error::parametric_bootstrap::{
     ServoGains, parametric_bootstrap, simulated_null,

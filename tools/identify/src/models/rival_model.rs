@@ -5,7 +5,7 @@ use plant::effects::{Site, entry};
 use super::transmission_study::Study;
 use crate::equation_error::block_roles::Role;
 use crate::prediction_error::candidates::{Candidate, candidates, free_parameters_of};
-use crate::prediction_error::fit::{Dataset, Fitted};
+use crate::prediction_error::dataset::{Dataset, Fitted};
 use crate::prediction_error::free_parameter::FreeParameter;
 use crate::prediction_error::record_features::record_features;
 use crate::prediction_error::transmission_model::{PlacedEffect, Setting};

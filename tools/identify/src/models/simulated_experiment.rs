@@ -6,7 +6,7 @@ use plant::transmission_kinds::Plant;
 use super::candidate_movements::{Movement, RigCapability};
 use super::transmission_study::Study;
 use crate::equation_error::block_roles::Role;
-use crate::prediction_error::fit::Dataset;
+use crate::prediction_error::dataset::Dataset;
 use crate::prediction_error::free_parameter::FreeParameter;
 use crate::prediction_error::record::Record;
 use crate::prediction_error::screening::basis;

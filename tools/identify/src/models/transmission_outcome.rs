@@ -17,7 +17,7 @@ use crate::outcome::{
     Identifiability, Named, NextExperiment, Outcome, Roles, UNKNOWN, Unexplained, UnlistedTable,
     Verdict,
 };
-use crate::prediction_error::fit::Dataset;
+use crate::prediction_error::dataset::Dataset;
 use crate::prediction_error::free_parameter::{AT_BOUND, FreeParameter};
 use crate::prediction_error::identifiability::{Sensitivity, sensitivities};
 use crate::prediction_error::nonparametric::NODES;

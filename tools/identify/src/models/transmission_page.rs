@@ -9,7 +9,7 @@ use super::transmission_study::Study;
 use crate::equation_error::block_roles::Role;
 use crate::naming::labels;
 use crate::outcome::Outcome;
-use crate::prediction_error::fit::Dataset;
+use crate::prediction_error::dataset::Dataset;
 use crate::prediction_error::record::Record;
 use crate::prediction_error::transmission_model::{Channel, Residual};
 use crate::prediction_error::validation::{LEAST_T, least_beside};

@@ -3,7 +3,7 @@
 use plant::effects::{Site, entry};
 use rayon::prelude::*;
 
-use super::fit::{Dataset, Fitted};
+use super::dataset::{Dataset, Fitted};
 use super::free_parameter::FreeParameter;
 use super::transmission_model::{Residual, Setting};
 use super::validation::{LEAST_GAIN, Validation, validate};

@@ -6,7 +6,7 @@ use levenberg_marquardt::LeastSquaresProblem;
 use nalgebra::storage::Owned;
 use nalgebra::{DMatrix, DVector, Dyn};
 
-use super::fit::{Dataset, Fitted};
+use super::dataset::{Dataset, Fitted};
 use super::free_parameter::FreeParameter;
 use super::known_columns::KnownColumns;
 use super::transmission_model::Setting;

@@ -2,7 +2,7 @@
 
 use nalgebra::DMatrix;
 
-use super::fit::{Dataset, Fitted};
+use super::dataset::{Dataset, Fitted};
 use super::free_parameter::FreeParameter;
 use super::refit::SENSITIVE;
 

@@ -2,7 +2,7 @@
 
 use nalgebra::DMatrix;
 
-use super::fit::{Dataset, Fitted};
+use super::dataset::{Dataset, Fitted};
 use super::free_parameter::FreeParameter;
 
 /// The Jacobian of one fit, whose columns approximate those of other fits from the same values of

@@ -21,7 +21,7 @@ use nalgebra::{Complex, Matrix2, Vector2};
 use plant::effects::{Effect, Site};
 use rayon::prelude::*;
 
-use super::fit::Dataset;
+use super::dataset::Dataset;
 use super::nonparametric::Variable;
 use super::probe_torque::{ProbeTorque, random_signs};
 use super::record::{repeats, rms};

@@ -13,7 +13,9 @@
 //! - [`transmission_model`]: the declared model with its tolerances, and its innovations along a
 //!   record for given parameters and effects;
 //! - [`free_parameter`]: the parameters that a fit varies, each within its bounds;
-//! - [`fit`]: Levenberg-Marquardt with one noise variance per record and channel;
+//! - [`dataset`]: the criterion, a likelihood with one noise variance per record and channel;
+//! - [`fit`]: its minimum by Levenberg-Marquardt;
+//! - [`known_columns`]: columns of a Jacobian that fits from nearby points share;
 //! - [`candidates`]: the listed effects, their free parameters and starting points;
 //! - [`record_features`]: spectral lines and orders in residuals, for starting points;
 //! - [`screening`]: score test of the candidates against the residual, with the sensitivities to
@@ -35,6 +37,7 @@
 
 pub mod backward_elimination;
 pub mod candidates;
+pub mod dataset;
 pub mod fit;
 mod fit_problem;
 pub mod free_parameter;

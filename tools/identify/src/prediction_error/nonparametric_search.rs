@@ -3,7 +3,7 @@
 use plant::effects::Site;
 use rayon::prelude::*;
 
-use super::fit::{Dataset, Fitted};
+use super::dataset::{Dataset, Fitted};
 use super::free_parameter::{FreeParameter, NODE_BOUND};
 use super::localisation::{Localisation, localise};
 use super::nonparametric::{NODES, PLACES, PiecewiseLinear, Variable};

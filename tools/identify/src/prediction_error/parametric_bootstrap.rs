@@ -13,7 +13,7 @@ use rand::{RngExt as _, SeedableRng as _};
 use rand_pcg::Pcg64Mcg;
 
 use super::backward_elimination::equivalent_site;
-use super::fit::Dataset;
+use super::dataset::Dataset;
 use super::record::{Record, repeats, rms};
 use super::search::{SearchResult, search};
 use super::sensor_correction::{advanced, hand_torque, reading_of};

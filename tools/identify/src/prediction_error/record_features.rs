@@ -4,7 +4,7 @@
 use plant::effects::search::RecordFeatures;
 use rayon::prelude::*;
 
-use super::fit::{Dataset, Fitted};
+use super::dataset::{Dataset, Fitted};
 use super::record::{PACE_S, Record};
 use super::transmission_model::Channel;
 use crate::spectral::transform;

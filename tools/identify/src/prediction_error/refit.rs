@@ -4,7 +4,8 @@ use nalgebra::DMatrix;
 use rayon::prelude::*;
 
 use super::candidates::Candidate;
-use super::fit::{Dataset, Fitted, LEADING};
+use super::dataset::{Dataset, Fitted};
+use super::fit::LEADING;
 use super::free_parameter::FreeParameter;
 use super::known_columns::KnownColumns;
 use super::selection_round::FittedCandidate;

@@ -9,7 +9,7 @@ use plant::effects::search::PHASE;
 use rayon::prelude::*;
 
 use super::candidates::Candidate;
-use super::fit::{Dataset, Fitted};
+use super::dataset::{Dataset, Fitted};
 use super::free_parameter::{AT_BOUND, FreeParameter};
 use super::known_columns::KnownColumns;
 use super::transmission_model::{PlacedEffect, Setting};

@@ -8,7 +8,7 @@ use super::backward_elimination::{
     DISTINCT_GAIN, equivalent_site, redundant_effect, rivals, single_effect_models, substitute,
 };
 use super::candidates::{Candidate, candidates};
-use super::fit::{Dataset, Fitted};
+use super::dataset::{Dataset, Fitted};
 use super::free_parameter::FreeParameter;
 use super::localisation::Localisation;
 use super::nonparametric_search::{NonparametricResult, UnlistedFunction, search_nonparametric};

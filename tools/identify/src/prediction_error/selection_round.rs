@@ -6,7 +6,7 @@ use plant::effects::{Site, entry};
 use rayon::prelude::*;
 
 use super::candidates::{Candidate, free_parameters_of};
-use super::fit::{Dataset, Fitted};
+use super::dataset::{Dataset, Fitted};
 use super::free_parameter::{AT_BOUND, FreeParameter};
 use super::known_columns::KnownColumns;
 use super::localisation::localise;

@@ -6,7 +6,7 @@
 
 use plant::effects::entry;
 
-use super::fit::{Dataset, Fitted};
+use super::dataset::{Dataset, Fitted};
 use super::selection_round::FittedCandidate;
 use super::transmission_model::TransmissionModel;
 use super::validation::{least_beside, validate_beside};

@@ -2,7 +2,7 @@
 
 use plant::effects::{Site, entry};
 
-use super::fit::Dataset;
+use super::dataset::Dataset;
 use super::record::{Record, repeats, rms};
 use super::transmission_model::{Channel, Residual, Setting, TransmissionModel};
 use crate::equation_error::block_roles::Role;
