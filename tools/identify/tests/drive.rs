@@ -20,6 +20,8 @@ struct Truth {
     /// A force that depends on position by no listed law: `bump · sin(40 x)²`.
     bump: f64,
     mass_factor: f64,
+    /// Noise of the position (m).
+    position_noise: f64,
 }
 
 const MASS: f64 = 90.0;
@@ -48,7 +50,8 @@ fn record(truth: Truth, seed: u64) -> Series {
         let force = 3e5 * (reference(t) - x) + 8e3 * (speed - v);
         if i % 40 == 0 {
             time.push(t);
-            position.push((x / 1e-7).round() * 1e-7);
+            let seen = x + truth.position_noise * noise.normal();
+            position.push((seen / 1e-7).round() * 1e-7);
             forces.push(force + 0.3 * noise.normal());
         }
         let smooth = VISCOUS * v
@@ -102,6 +105,19 @@ fn within(value: f64, std: f64, truth: f64, n: f64) -> bool {
 fn declared(outcome: &Outcome, name: &str) -> (f64, f64) {
     let p = outcome.parameters.iter().find(|p| p.name == name).unwrap();
     (p.fitted, p.std.unwrap_or(f64::NAN))
+}
+
+#[test]
+fn a_noisy_position_gets_no_name_and_is_not_said_to_show_several_effects() {
+    let noisy = |position_noise: f64| [record(Truth { position_noise, ..Truth::default() }, 1)];
+    let (little, _) = run_until(&NEVER, &rig(0.25), &noisy(4e-6)).unwrap();
+    assert_eq!(little.verdict, Verdict::None);
+    // Its noise in the acceleration is then 17 % of the force, and coloured by the low-pass.
+    let (much, page) = run_until(&NEVER, &rig(0.25), &noisy(16e-6)).unwrap();
+    assert_eq!(much.verdict, Verdict::Inadequate);
+    assert!(much.effects.is_empty() && much.unlisted.is_none());
+    assert!(page.contains("does not describe this machine"), "{page}");
+    assert!(!page.contains("More than three effects"), "{page}");
 }
 
 #[test]

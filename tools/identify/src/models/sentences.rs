@@ -58,6 +58,7 @@ pub(crate) fn sentences(outcome: &Outcome, located: bool) -> (Tone, String, Stri
     }
     match &outcome.unlisted {
         _ if !outcome.remains || outcome.verdict == Verdict::Unlisted => {}
+        None if !located && outcome.effects.is_empty() => {}
         None if !located => {
             detail += " More than three effects show; the others are listed under “What is left”.";
         }
