@@ -170,8 +170,8 @@ impl<L: LineLaw> Plant<L> {
         self.constants.longest_step_s = longest_s.min(COARSE * self.constants.stable_step_s);
     }
 
-    /// Keeps no energy balance, for estimators, which
-    /// simulate thousands of records. [`Transmission::energy`] then means nothing.
+    /// Keeps no energy balance: for estimators, which simulate thousands of records.
+    /// [`Transmission::energy`] then means nothing.
     #[must_use]
     pub fn without_energy_balance(mut self) -> Self {
         self.forgo_energy_balance();

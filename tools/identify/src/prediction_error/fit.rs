@@ -1,10 +1,8 @@
-//! Maximum-likelihood fit by Levenberg-Marquardt, with one noise variance per record and channel.
+//! Maximum-likelihood fit by Levenberg-Marquardt: the minimum of the criterion of
+//! [`super::dataset`].
 //!
-//! The criterion is the concentrated negative log-likelihood of independent residuals of unknown
-//! variance, `Σ ½ M ln(mean e²)` over records and channels. Weights are the inverse rms of the last
-//! residuals, held during a Levenberg-Marquardt round. Bounds are enforced by a change of variable
-//! ([`super::free_parameter`]); one prior row per declared parameter keeps unidentifiable ones near
-//! their declared values.
+//! Weights are the inverse rms of the last residuals, held during a Levenberg-Marquardt round.
+//! Bounds are enforced by a change of variable ([`super::free_parameter`]).
 
 use std::f64::consts::FRAC_PI_2;
 
@@ -21,7 +19,14 @@ use super::transmission_model::Setting;
 /// A root-mean-square sensitivity of the weighted residual below this counts as zero.
 const INSENSITIVE: f64 = 1e-6;
 /// Number of starting points that are continued after a brief fit.
-pub(super) const LEADING: usize = 3;
+const LEADING: usize = 3;
+
+/// The best of several brief fits, best first.
+pub(super) fn foremost(mut begun: Vec<Fitted>) -> Vec<Fitted> {
+    begun.sort_by(|a, b| a.objective.total_cmp(&b.objective));
+    begun.truncate(LEADING);
+    begun
+}
 
 impl Dataset<'_> {
     /// Takes one damped Gauss-Newton step with a given Jacobian and its weights, halting at the
@@ -85,12 +90,11 @@ impl Dataset<'_> {
                 .with_xtol(1e-9)
                 .with_stepbound(3.0)
                 .minimize(Problem::new(self, parameters, &best, columns));
-            match problem.best() {
-                Some(now) if now.objective < best.objective => best = now,
-                _ if columns.is_none() => break,
-                _ => {}
+            if let Some(now) = problem.best().filter(|now| now.objective < best.objective) {
+                best = now;
             }
-            // Converged: the criterion fell by less than 2e-4 per row.
+            // Converged: the criterion fell by less than 2e-4 per row. A round with columns of
+            // another fit does not tell.
             if columns.is_none() && before - best.objective < 2e-4 * best.rows() as f64 {
                 break;
             }
@@ -109,14 +113,9 @@ impl Dataset<'_> {
     ) -> Vec<Fitted> {
         let brief = |start: &Setting| self.fit_beginning_with(start, parameters, rounds, columns);
         let begun = starts.par_iter().filter(|_| !self.deadline.has_passed());
-        let mut begun: Vec<Fitted> = begun.filter_map(brief).collect();
-        begun.sort_by(|a, b| a.objective.total_cmp(&b.objective));
-        begun.truncate(LEADING);
-        begun
+        foremost(begun.filter_map(brief).collect())
     }
-}
 
-impl Dataset<'_> {
     /// Returns the standard deviation of each parameter's value from the sandwich covariance with
     /// scores summed over blocks of correlated rows; infinite where the parameter is not
     /// identifiable.

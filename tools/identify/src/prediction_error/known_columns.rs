@@ -1,6 +1,6 @@
 //! Columns of a Jacobian with which fits from nearby points begin.
 
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 
 use super::dataset::{Dataset, Fitted};
 use super::free_parameter::FreeParameter;
@@ -41,26 +41,23 @@ impl KnownColumns {
         let factors = self.factors(fitted, weights);
         let mut all = DMatrix::zeros(self.jacobian.nrows(), parameters.len());
         for (column, own) in parameters.iter().enumerate() {
-            match at(own) {
-                Some(known) => {
-                    let known = self.jacobian.column(known);
-                    let rows = known.iter().zip(&factors).map(|(row, factor)| row * factor);
-                    all.column_mut(column).iter_mut().zip(rows).for_each(|(to, row)| *to = row);
-                }
-                None => computed.by_ref().take(1).for_each(|own| all.set_column(column, &own)),
+            if let Some(known) = at(own) {
+                all.set_column(column, &self.jacobian.column(known).component_mul(&factors));
+            } else if let Some(computed) = computed.next() {
+                all.set_column(column, &computed);
             }
         }
         all
     }
 
     /// New weight over old of every row.
-    fn factors(&self, fitted: &Fitted, weights: &[Vec<f64>]) -> Vec<f64> {
+    fn factors(&self, fitted: &Fitted, weights: &[Vec<f64>]) -> DVector<f64> {
         let channels = fitted.residuals.iter().flat_map(|residual| &residual.channels);
         let new = weights.iter().flatten();
         let old = self.weights.iter().flatten();
         let rows = channels
             .zip(new.zip(old))
             .flat_map(|(channel, (new, old))| std::iter::repeat_n(new / old, channel.len()));
-        rows.collect()
+        DVector::from_vec(rows.collect())
     }
 }

@@ -5,7 +5,7 @@ use rayon::prelude::*;
 
 use super::candidates::Candidate;
 use super::dataset::{Dataset, Fitted};
-use super::fit::LEADING;
+use super::fit::foremost;
 use super::free_parameter::FreeParameter;
 use super::known_columns::KnownColumns;
 use super::selection_round::FittedCandidate;
@@ -134,7 +134,6 @@ fn other_starts(
         let starts: Vec<Setting> = of.starts.iter().filter_map(with).collect();
         fit.leading(&starts, parameters, 1, columns.as_ref())
     };
-    let mut begun: Vec<Fitted> = from.into_iter().flat_map(brief).collect();
-    begun.sort_by(|a, b| a.objective.total_cmp(&b.objective));
-    begun.into_iter().take(LEADING).map(|begun| begun.setting).collect()
+    let begun = foremost(from.into_iter().flat_map(brief).collect());
+    begun.into_iter().map(|begun| begun.setting).collect()
 }

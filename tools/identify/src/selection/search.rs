@@ -56,12 +56,12 @@ struct Competitor<'f> {
     errors: Vec<f64>,
 }
 
-/// The comparison of the listed effects alone with nonparametric functions in their place.
-struct Comparison<'f> {
-    /// The function that takes their place.
-    better: Option<Competitor<'f>>,
-    /// The functions beside the listed effects, where the comparison needed them.
-    beside_listed: Option<Vec<NonparametricFit>>,
+/// The better of a nonparametric function in place of listed effects and these alone.
+enum Comparison<'f> {
+    /// The function takes their place.
+    Function(Box<Competitor<'f>>),
+    /// They stay; with the functions beside them, where the comparison needed those.
+    Listed(Option<Vec<NonparametricFit>>),
 }
 
 impl<'f> SearchResult<'f> {
@@ -136,13 +136,13 @@ pub fn search<'f>(
     let (mut function, mut unlisted, mut nonparametric) = (None, None, None);
     if let Predictor::EquationError(_) = predictor {
         selection = search.without_altered_target(&base, selection);
-        let compared = search.beside_function(&base, &selection, functions);
-        nonparametric = compared.beside_listed;
-        if let Some(better) = compared.better {
-            nonparametric = None;
-            let variable = better.function.variable();
-            unlisted = Some(Unlisted::new(variable, better.function, &better.model.fitted));
-            (function, selection) = (Some(better.model), better.beside);
+        match search.beside_function(&base, &selection, functions) {
+            Comparison::Listed(beside) => nonparametric = beside,
+            Comparison::Function(better) => {
+                let variable = better.function.variable();
+                unlisted = Some(Unlisted::new(variable, better.function, &better.model.fitted));
+                (function, selection) = (Some(better.model), better.beside);
+            }
         }
     }
     let Selection { steps, last_round } = selection;
@@ -202,30 +202,30 @@ impl<'a> Search<'a> {
         listed: &Selection<'f>,
         functions: &'f [Spline],
     ) -> Comparison<'f> {
-        let mut comparison = Comparison { better: None, beside_listed: None };
         let competitors: Vec<Competitor<'f>> =
             functions.iter().filter_map(|function| self.competitor(base, function)).collect();
         let sum = |errors: &[f64]| errors.iter().sum::<f64>();
         let best = competitors.iter().min_by(|a, b| sum(&a.errors).total_cmp(&sum(&b.errors)));
         let Some(best) = best.filter(|_| !self.deadline.left_work_out()) else {
-            return comparison;
+            return Comparison::Listed(None);
         };
         let before = self.relative_errors(listed.last(base));
         let takes_much =
             |own: &Validation| own.accepted && own.gain_percent >= LEAST_FUNCTION_PERCENT;
-        let chosen = if takes_much(&validate("", &before, &best.errors)) {
-            best.function.variable()
+        let (chosen, beside) = if takes_much(&validate("", &before, &best.errors)) {
+            (Some(best.function.variable()), None)
         } else {
-            let beside = comparison.beside_listed.insert(self.nonparametric(listed.last(base)));
-            let Some(left) = beside.iter().find(|left| takes_much(&left.validation)) else {
-                return comparison;
-            };
-            left.unlisted.variable
+            let beside = self.nonparametric(listed.last(base));
+            let left = beside.iter().find(|left| takes_much(&left.validation));
+            (left.map(|left| left.unlisted.variable), Some(beside))
         };
-        comparison.better = competitors
-            .into_iter()
-            .find(|own| own.function.variable() == chosen && sum(&own.errors) <= sum(&before));
-        comparison
+        let takes_place = |own: &Competitor<'f>| {
+            Some(own.function.variable()) == chosen && sum(&own.errors) <= sum(&before)
+        };
+        match competitors.into_iter().find(takes_place) {
+            Some(better) => Comparison::Function(Box::new(better)),
+            None => Comparison::Listed(beside),
+        }
     }
 
     /// The declared model with a nonparametric function, where that explains something by itself,
