@@ -17,9 +17,12 @@ use crate::effects::{Effect, Moment, Reach, Site, Sited};
 use crate::friction::{Advance, Load};
 use crate::{ParameterError, ParameterSet};
 
-/// What [`Plant::with_longest_step`] may multiply phase and decay by: the highest mode is then at
-/// most 0.4 % slow.
-const COARSE: f64 = 2.0;
+/// What [`Plant::with_longest_step`] may multiply the phase by: the highest mode is then at most
+/// 1.5 % slow. So much is rarely used, but where the number of steps changed with a parameter, a
+/// fit would stop at the jump.
+const COARSE_PHASE: f64 = 4.0;
+/// What it may multiply the decay by, and the phase of what effects do.
+const COARSE_RATE: f64 = 2.5;
 /// Largest decay of the fastest damping in one internal step.
 const DECAY_PER_STEP: f64 = 0.2;
 /// Longest internal step, s.
@@ -35,8 +38,8 @@ struct Constants {
     inertia: [f64; 2],
     middle_mass_kg: f64,
     longest_step_s: f64,
-    /// The longest that modes and damping allow.
-    stable_step_s: f64,
+    /// The longest that [`Plant::with_longest_step`] allows.
+    coarse_step_s: f64,
 }
 
 /// A transmission in motion: its state, the effects in it, and the law of its lines.
@@ -115,7 +118,8 @@ impl<L: LineLaw> Plant<L> {
             * (1.0 / middle_mass_kg
                 + displacement[0].powi(2) / inertia[0]
                 + displacement[1].powi(2) / inertia[1]);
-        let stable_step_s = (L::PHASE_PER_STEP / highest.max(effects.rate_rad_s))
+        let by_mode = L::PHASE_PER_STEP / highest.max(1e-9);
+        let by_rate = (L::PHASE_PER_STEP / effects.rate_rad_s.max(1e-9))
             .min(DECAY_PER_STEP / decay.max(1e-9));
         let constants = Constants {
             torque_per_volt_nm: parameters.motor_torque_per_volt_nm(),
@@ -124,8 +128,8 @@ impl<L: LineLaw> Plant<L> {
             displacement,
             inertia,
             middle_mass_kg,
-            longest_step_s: LONGEST_STEP_S.min(stable_step_s),
-            stable_step_s,
+            longest_step_s: LONGEST_STEP_S.min(by_mode).min(by_rate),
+            coarse_step_s: (COARSE_PHASE * by_mode).min(COARSE_RATE * by_rate),
         };
         let mut plant = Self {
             law: L::new(&parameters),
@@ -167,7 +171,7 @@ impl<L: LineLaw> Plant<L> {
     }
 
     pub(crate) fn set_longest_step(&mut self, longest_s: f64) {
-        self.constants.longest_step_s = longest_s.min(COARSE * self.constants.stable_step_s);
+        self.constants.longest_step_s = longest_s.min(self.constants.coarse_step_s);
     }
 
     /// Keeps no energy balance: for estimators, which simulate thousands of records.

@@ -39,8 +39,7 @@ impl Dataset<'_> {
         weights: &[Vec<f64>],
     ) -> Option<Fitted> {
         let rows = Self::stack(&from.residuals, weights);
-        let (mut normal, mut gradient) =
-            (jacobian.transpose() * jacobian, jacobian.transpose() * rows);
+        let (mut normal, mut gradient) = (jacobian.tr_mul(jacobian), jacobian.tr_mul(&rows));
         for (at, parameter) in parameters.iter().enumerate() {
             let FreeParameter::Base(index) = parameter else { continue };
             let slope = self.off_slope(parameter, &from.setting);
@@ -124,7 +123,7 @@ impl Dataset<'_> {
         let weights = Self::weights(&fitted.residuals);
         let jacobian = self.jacobian(fitted, parameters, &weights);
         let rows = Self::stack(&fitted.residuals, &weights);
-        let normal = jacobian.transpose() * &jacobian;
+        let normal = jacobian.tr_mul(&jacobian);
         let unseen = INSENSITIVE * INSENSITIVE * jacobian.nrows() as f64;
         let seen: Vec<bool> = normal.diagonal().iter().map(|entry| *entry > unseen).collect();
         let ridge = DMatrix::from_diagonal(&normal.diagonal().map(|entry| 1e-9 * entry + 1e-12));

@@ -8,6 +8,7 @@ use nalgebra::{DMatrix, DVector, Dyn};
 
 use super::dataset::{Dataset, Fitted};
 use super::free_parameter::FreeParameter;
+use super::growing_basis::GrowingBasis;
 use super::known_columns::KnownColumns;
 use super::transmission_model::Setting;
 
@@ -16,20 +17,33 @@ const MOST_UPDATES: usize = 8;
 /// Decrease of the criterion per row below which the Jacobian is computed afresh.
 const LEAST_DECREASE: f64 = 1e-3;
 
+/// Residuals of a round for which its basis has room: one at the start, one after each update of
+/// the Jacobian, and some rejected ones.
+const FURTHER: usize = 2 * MOST_UPDATES;
+
 /// One round of a fit with constant weights.
 pub(super) struct Problem<'a, 'b> {
     dataset: &'a Dataset<'b>,
     parameters: &'a [FreeParameter],
     weights: Vec<Vec<f64>>,
     open: DVector<f64>,
-    now: Option<Fitted>,
+    now: Option<Evaluated>,
     /// The point before the last step, restored if the step is rejected.
-    before: Option<(DVector<f64>, Option<Fitted>)>,
+    before: Option<(DVector<f64>, Option<Evaluated>)>,
     template: Setting,
-    /// Columns with which the Jacobian begins.
-    columns: Option<&'a KnownColumns>,
+    /// Coordinates of weighted residuals; none where the first Jacobian has none.
+    basis: Option<GrowingBasis>,
+    /// The first Jacobian, until the solver asks for it; none after the deadline.
+    first: RefCell<Option<DMatrix<f64>>>,
     /// The current Jacobian.
     known: RefCell<Option<BroydenJacobian>>,
+}
+
+/// A point with the residual that the solver sees.
+struct Evaluated {
+    fitted: Fitted,
+    /// Weighted residual, or its coordinates, and prior rows.
+    rows: DVector<f64>,
 }
 
 /// A Jacobian with Broyden's rank-one updates: an update costs one simulation per record, a new
@@ -41,6 +55,8 @@ struct BroydenJacobian {
     rows: DVector<f64>,
     /// Criterion there.
     objective: f64,
+    /// Number of residual rows before any projection.
+    count: usize,
     jacobian: DMatrix<f64>,
     /// Updates since it was computed.
     steps: usize,
@@ -52,7 +68,7 @@ impl BroydenJacobian {
     fn update(&mut self, open: &DVector<f64>, rows: DVector<f64>, objective: f64) -> bool {
         let step = open - &self.open;
         let length = step.norm_squared();
-        let gained = (self.objective - objective) / rows.len() as f64;
+        let gained = (self.objective - objective) / self.count as f64;
         if self.steps >= MOST_UPDATES || gained < LEAST_DECREASE || length <= f64::MIN_POSITIVE {
             return false;
         }
@@ -65,31 +81,45 @@ impl BroydenJacobian {
 }
 
 impl<'a, 'b> Problem<'a, 'b> {
-    /// A round from the best point so far, with weights from its residuals.
+    /// A round from the best point so far, with weights from its residuals; the Jacobian begins
+    /// with `columns`, or is computed.
     pub(super) fn new(
         dataset: &'a Dataset<'b>,
         parameters: &'a [FreeParameter],
         best: &Fitted,
-        columns: Option<&'a KnownColumns>,
+        columns: Option<&KnownColumns>,
     ) -> Self {
         let open = parameters.iter().map(|own| own.unbounded(dataset.model, &best.setting));
-        Self {
+        let weights = Dataset::weights(&best.residuals);
+        let first = (!dataset.deadline.has_passed()).then(|| match columns {
+            Some(columns) => columns.jacobian(dataset, best, parameters, &weights),
+            None => dataset.jacobian(best, parameters, &weights),
+        });
+        let basis = first.as_ref().and_then(|first| GrowingBasis::of(first, FURTHER));
+        let first = first.map(|first| match &basis {
+            Some(basis) => basis.of_columns(&first),
+            None => first,
+        });
+        let mut problem = Self {
             dataset,
             parameters,
-            weights: Dataset::weights(&best.residuals),
+            weights,
             open: DVector::from_iterator(parameters.len(), open),
-            now: Some(best.clone()),
+            now: None,
             before: None,
             template: best.setting.clone(),
-            columns,
+            basis,
+            first: RefCell::new(first),
             known: RefCell::new(None),
-        }
+        };
+        problem.now = Some(problem.seen(best.clone()));
+        problem
     }
 
     /// The best point of the round: the solver may end on a rejected step.
     pub(super) fn best(self) -> Option<Fitted> {
-        let kept = self.before.and_then(|(_, fitted)| fitted);
-        let all = [self.now, kept].into_iter().flatten();
+        let kept = self.before.and_then(|(_, evaluated)| evaluated);
+        let all = [self.now, kept].into_iter().flatten().map(|evaluated| evaluated.fitted);
         all.min_by(|a, b| a.objective.total_cmp(&b.objective))
     }
 }
@@ -99,7 +129,26 @@ impl Problem<'_, '_> {
         let model = self.dataset.model;
         let of =
             |record: &usize| model.channels(*record).len() * model.records[*record].residual_rows();
-        self.dataset.records.iter().map(of).sum::<usize>() + self.declared().count()
+        let data = match &self.basis {
+            Some(basis) => basis.dimensions(),
+            None => self.dataset.records.iter().map(of).sum::<usize>(),
+        };
+        data + self.declared().count()
+    }
+
+    /// A point with its weighted residual and prior rows.
+    fn seen(&mut self, fitted: Fitted) -> Evaluated {
+        let stacked = Dataset::stack(&fitted.residuals, &self.weights);
+        let data = match &mut self.basis {
+            Some(basis) => basis.coordinates(&stacked),
+            None => stacked,
+        };
+        let off: Vec<f64> =
+            self.declared().map(|index| self.dataset.off(&fitted.setting, index)).collect();
+        let count = data.len();
+        let mut rows = data.resize_vertically(count + off.len(), 0.0);
+        rows.rows_mut(count, off.len()).copy_from_slice(&off);
+        Evaluated { fitted, rows }
     }
 
     fn declared(&self) -> impl Iterator<Item = usize> {
@@ -121,8 +170,8 @@ impl LeastSquaresProblem<f64, Dyn, Dyn> for Problem<'_, '_> {
         }
         let left = (std::mem::replace(&mut self.open, open.clone()), self.now.take());
         match self.before.replace(left) {
-            Some((known, fitted)) if known == *open => {
-                self.now = fitted;
+            Some((known, evaluated)) if known == *open => {
+                self.now = evaluated;
                 return;
             }
             _ => {}
@@ -131,7 +180,8 @@ impl LeastSquaresProblem<f64, Dyn, Dyn> for Problem<'_, '_> {
         for (parameter, open) in self.parameters.iter().zip(open.iter()) {
             parameter.set_unbounded(self.dataset.model, &mut setting, *open);
         }
-        self.now = self.dataset.evaluate(setting);
+        let fitted = self.dataset.evaluate(setting);
+        self.now = fitted.map(|fitted| self.seen(fitted));
     }
 
     fn params(&self) -> DVector<f64> {
@@ -140,45 +190,29 @@ impl LeastSquaresProblem<f64, Dyn, Dyn> for Problem<'_, '_> {
 
     fn residuals(&self) -> Option<DVector<f64>> {
         // A step that cannot be simulated is rejected, not an error.
-        let Some(now) = self.now.as_ref() else {
-            return Some(DVector::from_element(self.rows(), 1e6));
-        };
-        let rows = Dataset::stack(&now.residuals, &self.weights);
-        let off: Vec<f64> =
-            self.declared().map(|index| self.dataset.off(&now.setting, index)).collect();
-        let data = rows.len();
-        let mut all = rows.resize_vertically(data + off.len(), 0.0);
-        for (row, off) in off.into_iter().enumerate() {
-            all[data + row] = off;
-        }
-        Some(all)
+        let rejected = || DVector::from_element(self.rows(), 1e6);
+        Some(self.now.as_ref().map_or_else(rejected, |now| now.rows.clone()))
     }
 
     fn jacobian(&self) -> Option<DMatrix<f64>> {
         let now = self.now.as_ref().filter(|_| !self.dataset.deadline.has_passed())?;
-        let rows = self.residuals()?;
+        let (rows, objective) = (now.rows.clone(), now.fitted.objective);
         let mut known = self.known.borrow_mut();
         if let Some(known) = known.as_mut() {
-            return known.update(&self.open, rows, now.objective).then(|| known.jacobian.clone());
+            return known.update(&self.open, rows, objective).then(|| known.jacobian.clone());
         }
-        let jacobian = match self.columns {
-            Some(columns) => columns.jacobian(self.dataset, now, self.parameters, &self.weights),
-            None => self.dataset.jacobian(now, self.parameters, &self.weights),
-        };
-        let data = jacobian.nrows();
-        let mut all = jacobian.resize_vertically(data + self.declared().count(), 0.0);
+        let first = self.first.take()?;
+        let data = first.nrows();
+        let mut all = first.resize_vertically(data + self.declared().count(), 0.0);
         let of_declared =
             self.parameters.iter().enumerate().filter(|(_, parameter)| parameter.is_base());
         for (row, (column, parameter)) in of_declared.enumerate() {
-            all[(data + row, column)] = self.dataset.off_slope(parameter, &now.setting);
+            all[(data + row, column)] = self.dataset.off_slope(parameter, &now.fitted.setting);
         }
-        *known = Some(BroydenJacobian {
-            open: self.open.clone(),
-            rows,
-            objective: now.objective,
-            jacobian: all.clone(),
-            steps: 0,
-        });
+        let open = self.open.clone();
+        let count = now.fitted.rows() + self.declared().count();
+        let jacobian = all.clone();
+        *known = Some(BroydenJacobian { open, rows, objective, count, jacobian, steps: 0 });
         Some(all)
     }
 }

@@ -15,6 +15,7 @@
 //! - [`free_parameter`]: the parameters that a fit varies, each within its bounds;
 //! - [`dataset`]: the criterion, a likelihood with one noise variance per record and channel;
 //! - [`fit`]: its minimum by Levenberg-Marquardt;
+//! - `growing_basis`: few coordinates for the long vectors of a fit;
 //! - [`known_columns`]: columns of a Jacobian that fits from nearby points share;
 //! - [`candidates`]: the listed effects, their free parameters and starting points;
 //! - [`record_features`]: spectral lines and orders in residuals, for starting points;
@@ -41,6 +42,7 @@ pub mod dataset;
 pub mod fit;
 mod fit_problem;
 pub mod free_parameter;
+mod growing_basis;
 pub mod identifiability;
 pub mod known_columns;
 pub mod localisation;
