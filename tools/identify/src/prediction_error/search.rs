@@ -17,7 +17,7 @@ use super::rectified_torque::{rectified_records, restore_signs};
 use super::refit::{fit_base, refit};
 use super::selection_round::{FittedCandidate, SelectionRound, winner};
 use super::step_refinement::{holds_with_finer_steps, may_be_step_artefact};
-use super::transmission_model::TransmissionModel;
+use super::transmission_model::{Setting, TransmissionModel};
 use super::validation::{
     LEAST_FIRST, LEAST_GAIN, Validation, above_floor, at_floor, is_bistable, validate,
 };
@@ -26,6 +26,8 @@ use crate::equation_error::block_roles::Role;
 
 /// Gain over an added effect from which another candidate replaces it.
 const REPLACEMENT_GAIN: f64 = 0.03;
+/// Rounds of the last fit of the declared model.
+const DECLARED_FIT_ROUNDS: usize = 4;
 /// Most effects added.
 const MOST_EFFECTS: usize = 3;
 /// Most rounds, including those whose effect was removed again.
@@ -418,8 +420,30 @@ impl Search<'_> {
         Some(validate((only.id, only.site), &before?, &after?))
     }
 
+    /// Fits the declared model once more, from where the extended one ended. A local minimum of the
+    /// first fit looks like a missing effect, and an effect may have led out of it: where the
+    /// declared model reaches the noise floor from there, nothing is missing.
+    fn refit_declared(&mut self) {
+        if self.found.steps.is_empty() || self.fit.deadline.has_passed() {
+            return;
+        }
+        let there = Setting { base: self.now.setting.base.clone(), ..Setting::default() };
+        let parameters = &self.found.base.parameters;
+        let Some(fitted) = self.fit.fit(&there, parameters, DECLARED_FIT_ROUNDS) else { return };
+        if fitted.objective >= self.found.base.objective {
+            return;
+        }
+        let enough = at_floor(self.fit.model, &self.select.records, &fitted.setting);
+        self.found.base = fitted;
+        if enough {
+            self.found.give_up_all();
+            self.now = self.found.base.clone();
+        }
+    }
+
     /// Decides on adequacy and searches nonparametric functions.
     fn conclude(mut self) -> SearchResult {
+        self.refit_declared();
         self.name_equivalents();
         self.compare_instruments();
         if let Some(step) = self.found.steps.last_mut() {

@@ -1,6 +1,7 @@
 //! Correction of measured columns: errors of the torque sensor, and readings that come late.
 
 use std::borrow::Cow;
+use std::f64::consts::{FRAC_PI_2, PI};
 
 use plant::effects::{Effect, Moment, Site};
 use plant::transmission::Reading;
@@ -11,18 +12,44 @@ use super::record::Record;
 /// Half the span of finite differences for speed and acceleration (s).
 const REACH_S: f64 = 0.01;
 
-/// Advances a column by a number of rows, by linear interpolation; constant at its end.
+/// Half the length of the interpolator (rows).
+const HALF: usize = 16;
+
+/// Advances a column by a number of rows; constant at its ends.
+///
+/// Between rows by a windowed sinc, which passes nearly all frequencies alike. Linear interpolation
+/// would average the quantisation noise of two rows, by up to 30 %, and so make a dead time that is
+/// not there lower the error.
 pub fn advanced(column: &[f64], rows: f64) -> Cow<'_, [f64]> {
     if rows <= 0.0 {
         return Cow::Borrowed(column);
     }
     let (whole, part) = (rows.floor() as usize, rows.fract());
-    let at = |row: usize| column[row.min(column.len() - 1)];
-    Cow::Owned(
-        (0..column.len())
-            .map(|row| at(row + whole) * (1.0 - part) + at(row + whole + 1) * part)
-            .collect(),
-    )
+    let at = |row: usize| column[row.saturating_sub(HALF - 1).min(column.len() - 1)];
+    let (first, count) = (whole, column.len());
+    if part == 0.0 {
+        return Cow::Owned((0..count).map(|row| at(row + whole + HALF - 1)).collect());
+    }
+    let padded: Vec<f64> = (first..first + count + 2 * HALF - 1).map(at).collect();
+    let mut later = vec![0.0; count];
+    for (tap, weight) in interpolator(part).into_iter().enumerate() {
+        for (row, value) in later.iter_mut().zip(&padded[tap..]) {
+            *row += weight * value;
+        }
+    }
+    Cow::Owned(later)
+}
+
+/// Weights of the rows from `HALF - 1` before to `HALF` after, for a part of a row between 0 and 1:
+/// a sinc under Hann's window, with the sum 1.
+fn interpolator(part: f64) -> [f64; 2 * HALF] {
+    let weights: [f64; 2 * HALF] = std::array::from_fn(|tap| {
+        let off = tap as f64 - (HALF - 1) as f64 - part;
+        let sinc = if off == 0.0 { 1.0 } else { (PI * off).sin() / (PI * off) };
+        sinc * (FRAC_PI_2 * off / HALF as f64).cos().powi(2)
+    });
+    let sum: f64 = weights.iter().sum();
+    weights.map(|weight| weight / sum)
 }
 
 /// Returns the measured variable on which a torque sensor's error may depend, at a row; 0 if not
@@ -150,12 +177,29 @@ mod tests {
     }
 
     #[test]
-    fn a_late_column_is_advanced_and_constant_at_its_end() {
+    fn a_late_column_is_advanced_and_constant_at_its_ends() {
         let column = [0.0, 1.0, 3.0, 7.0];
         close(&advanced(&column, 1.0), &[1.0, 3.0, 7.0, 7.0]);
-        close(&advanced(&column, 0.25), &[0.25, 1.5, 4.0, 7.0]);
         assert!(matches!(advanced(&column, 0.0), Cow::Borrowed(_)));
-        close(&advanced(&column, 9.5), &[7.0; 4]);
+        close(&advanced(&column, 40.5), &[7.0; 4]);
+        let wave = |row: f64| (0.9 * row).sin() + (0.1 * row).cos();
+        let column: Vec<f64> = (0..200).map(|row| wave(f64::from(row))).collect();
+        for late in [0.25, 0.5, 3.9] {
+            let found = advanced(&column, late);
+            for row in 20..170 {
+                assert!((found[row] - wave(row as f64 + late)).abs() < 2e-3, "{late} {row}");
+            }
+        }
+    }
+
+    /// A dead time must not lower the error by averaging the noise.
+    #[test]
+    fn noise_keeps_its_size_between_rows() {
+        for part in [0.1, 0.3, 0.5, 0.7, 0.9] {
+            let power: f64 = interpolator(part).iter().map(|weight| weight * weight).sum();
+            assert!((0.94..1.0).contains(&power), "{part}: {power}");
+            assert!((interpolator(part).iter().sum::<f64>() - 1.0).abs() < 1e-12);
+        }
     }
 
     #[test]
