@@ -15,6 +15,7 @@ use crate::machine_parameters::MachineParameters;
 use crate::random::{Draw, subseed};
 use crate::record::{self, Noise, RECORD_TO_RECORD_S, Record};
 use crate::reference::Kind;
+use crate::rules::{Conditions, Missing, Rules, STUCK_SCALE, weakened};
 use crate::smoothing::Smoothing;
 
 /// The set that a case belongs to.
@@ -41,6 +42,8 @@ pub enum Set {
     Unlisted,
     /// Two listed effects at different sites.
     Pairs,
+    /// Three of them.
+    Triples,
     /// A machine with one channel and a listed effect ([`crate::one_channel`]).
     OneChannelListed,
     /// One without an effect.
@@ -53,11 +56,12 @@ pub enum Set {
 
 impl Set {
     /// All sets.
-    pub const ALL: [Self; 8] = [
+    pub const ALL: [Self; 9] = [
         Self::Listed,
         Self::Clean,
         Self::Unlisted,
         Self::Pairs,
+        Self::Triples,
         Self::OneChannelListed,
         Self::OneChannelClean,
         Self::OneChannelUnlisted,
@@ -82,6 +86,7 @@ impl Set {
             Self::Clean => "clean",
             Self::Unlisted => "unlisted",
             Self::Pairs => "pairs",
+            Self::Triples => "triples",
             Self::OneChannelListed => "one-channel-listed",
             Self::OneChannelClean => "one-channel-clean",
             Self::OneChannelUnlisted => "one-channel-unlisted",
@@ -107,6 +112,9 @@ pub struct Truth {
     pub smoothing: Smoothing,
     /// Noise.
     pub noise: Noise,
+    /// How the records were taken.
+    #[serde(default)]
+    pub conditions: Conditions,
     /// Steps of the integrator per row.
     pub steps_per_row: usize,
     /// Records.
@@ -124,8 +132,18 @@ pub struct Case {
     pub records: Vec<Record>,
 }
 
-/// The case of a set, an index within it and a campaign's seed. `kinds` selects among the unlisted
-/// effects; `forced` names effects in place of those of the set.
+/// What a case is drawn from, beside its set, index and seed.
+#[derive(Clone, Debug, Default)]
+pub struct DrawnFrom {
+    /// Which of the unlisted effects.
+    pub kinds: Kinds,
+    /// By which rules.
+    pub rules: Rules,
+    /// Names of effects in place of those of the set.
+    pub forced: Vec<String>,
+}
+
+/// The case of a set, an index within it and a campaign's seed.
 ///
 /// # Errors
 /// [`CaseError::Unknown`], [`CaseError::Unbuildable`].
@@ -133,10 +151,9 @@ pub fn make(
     set: Set,
     index: usize,
     campaign_seed: u64,
-    kinds: Kinds,
-    forced: &[String],
+    from: &DrawnFrom,
 ) -> Result<Case, CaseError> {
-    let mut case = unjudged(set, index, campaign_seed, kinds, forced)?;
+    let mut case = unjudged(set, index, campaign_seed, from)?;
     let mut machine = MachineParameters::declared();
     for (name, value) in &case.truth.machine {
         if let Some(place) = machine.named_mut(name) {
@@ -146,7 +163,10 @@ pub fn make(
     let builder =
         Builder { machine, smoothing: case.truth.smoothing, effects: case.truth.effects.clone() };
     case.truth.detectability = (0..builder.effects.len())
-        .map(|index| detect(&case.truth.records, &case.records, &builder, &builder.without(index)))
+        .map(|index| {
+            let (plans, taken) = (&case.truth.records, &case.truth.conditions);
+            detect(plans, (&case.records, taken), &builder, &builder.without(index))
+        })
         .collect::<Result<Vec<_>, CaseError>>()?;
     Ok(case)
 }
@@ -159,24 +179,30 @@ pub fn unjudged(
     set: Set,
     index: usize,
     campaign_seed: u64,
-    kinds: Kinds,
-    forced: &[String],
+    from: &DrawnFrom,
 ) -> Result<Case, CaseError> {
     let seed = subseed(campaign_seed, &format!("{} {index}", set.name()));
     let mut draw = Draw::new(subseed(seed, "machine"));
-    let machine = MachineParameters::drawn(&mut draw);
+    let harder = from.rules == Rules::Harder;
+    let machine = if harder {
+        MachineParameters::drawn_to_the_edge(&mut draw)
+    } else {
+        MachineParameters::drawn(&mut draw)
+    };
     let smoothing = match set {
+        _ if harder => Smoothing::foreign(&mut draw),
         Set::Clean if index % 2 == 1 => Smoothing::foreign(&mut draw),
         Set::Clean => Smoothing::plain(&mut draw),
         _ => Smoothing::common(&mut draw),
     };
     let noise = Noise::drawn(&mut draw);
     let mut draw = Draw::new(subseed(seed, "effects"));
-    let effects: Vec<Effect> = choose(set, index, kinds, forced, &mut draw)?
+    let effects: Vec<Effect> = choose(set, index, from, &mut draw)?
         .into_iter()
-        .map(|entry| entry.draw(&mut draw))
+        .map(|entry| weakened(entry.draw(&mut draw), from.rules, &mut draw))
         .collect();
-    let plans = plan(seed);
+    let conditions = Conditions::drawn(from.rules, &mut Draw::new(subseed(seed, "conditions")));
+    let plans = plan(seed, &conditions);
     let builder = Builder { machine, smoothing, effects };
     let steps_per_row = builder.model(None)?.steps();
     let records = plans
@@ -197,6 +223,7 @@ pub fn unjudged(
         machine: machine.named(),
         smoothing,
         noise,
+        conditions,
         steps_per_row,
         records: plans,
         detectability: Vec::new(),
@@ -207,12 +234,12 @@ pub fn unjudged(
 fn choose(
     set: Set,
     index: usize,
-    kinds: Kinds,
-    forced: &[String],
+    from: &DrawnFrom,
     draw: &mut Draw,
 ) -> Result<Vec<&'static Entry>, CaseError> {
-    if !forced.is_empty() {
-        return forced
+    if !from.forced.is_empty() {
+        return from
+            .forced
             .iter()
             .map(|name| effects::find(name).ok_or_else(|| CaseError::Unknown(name.clone())))
             .collect();
@@ -222,13 +249,16 @@ fn choose(
         Set::Clean => Vec::new(),
         Set::Listed => vec![listed[index % listed.len()]],
         Set::Unlisted => {
-            let unlisted = effects::unlisted(kinds);
+            let unlisted = effects::unlisted(from.kinds);
             vec![unlisted[index % unlisted.len()]]
         }
-        Set::Pairs => {
-            let first = listed[draw.below(listed.len())];
-            let others = effects::beside(first);
-            vec![first, others[draw.below(others.len())]]
+        Set::Pairs | Set::Triples => {
+            let mut chosen = vec![listed[draw.below(listed.len())]];
+            for _ in 1..if set == Set::Pairs { 2 } else { 3 } {
+                let others = effects::beside(&chosen);
+                chosen.push(others[draw.below(others.len())]);
+            }
+            chosen
         }
         // Made by `one_channel::case`.
         Set::OneChannelListed
@@ -239,8 +269,9 @@ fn choose(
 }
 
 /// Eight to ten records: a repeated multisine, a repeated one with a hand and another with a hand,
-/// and each other kind.
-fn plan(seed: u64) -> Vec<Plan> {
+/// and each other kind. Without a torque cell nobody is at the handle.
+fn plan(seed: u64, taken: &Conditions) -> Vec<Plan> {
+    let free = taken.missing == Some(Missing::SlaveTorque);
     let mut draw = Draw::new(subseed(seed, "plan"));
     let kinds = [
         (Kind::Multisine, "a", None),
@@ -262,8 +293,9 @@ fn plan(seed: u64) -> Vec<Plan> {
             file: format!("record-{:02}.csv", number + 1),
             kind: *kind,
             reference_seed: subseed(seed, reference),
-            hand_seed: hand.map(|hand| subseed(seed, hand)),
+            hand_seed: hand.filter(|_| !free).map(|hand| subseed(seed, hand)),
             start_s: number as f64 * RECORD_TO_RECORD_S,
+            scale: if taken.stuck == Some(number) { STUCK_SCALE } else { 1.0 },
         })
         .collect()
 }
@@ -287,9 +319,9 @@ impl Case {
     /// # Errors
     /// [`CaseError::Write`].
     pub fn write_records(&self, folder: &Path) -> Result<Vec<PathBuf>, CaseError> {
-        let write = |path: &Path, record: &Record| {
+        let write = |path: &Path, record: &Record, seed: u64| {
             let mut file = BufWriter::new(File::create(path)?);
-            record.write(&mut file)?;
+            record.write(&mut file, &self.truth.conditions, seed)?;
             file.flush()
         };
         fs::create_dir_all(folder)
@@ -298,7 +330,7 @@ impl Case {
         named
             .map(|(plan, record)| {
                 let path = folder.join(&plan.file);
-                match write(&path, record) {
+                match write(&path, record, subseed(self.truth.seed, &plan.file)) {
                     Ok(()) => Ok(path),
                     Err(source) => Err(CaseError::Write { path, source }),
                 }

@@ -28,6 +28,13 @@ pub struct Plan {
     pub hand_seed: Option<u64>,
     /// Time of the first row, s.
     pub start_s: f64,
+    /// Size of the movement, of the usual one.
+    #[serde(default = "whole")]
+    pub scale: f64,
+}
+
+fn whole() -> f64 {
+    1.0
 }
 
 /// The parts of a simulated machine.
@@ -102,7 +109,8 @@ pub enum CaseError {
 
 /// Reference of a planned record, and torque of its hand.
 pub fn signals(plan: &Plan) -> (Vec<f64>, Vec<f64>) {
-    let wanted = reference(plan.kind, &mut Draw::new(plan.reference_seed), SAMPLES, SAMPLE_S);
+    let mut wanted = reference(plan.kind, &mut Draw::new(plan.reference_seed), SAMPLES, SAMPLE_S);
+    wanted.iter_mut().for_each(|position| *position *= plan.scale);
     let torque =
         plan.hand_seed.map_or_else(Vec::new, |seed| hand(&mut Draw::new(seed), SAMPLES, SAMPLE_S));
     (wanted, torque)

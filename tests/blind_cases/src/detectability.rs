@@ -18,6 +18,7 @@ use crate::deviation::Instruments;
 use crate::effects::{Effect, Site};
 use crate::machine_parameters::{DECLARED, MachineParameters};
 use crate::record::{Record, SAMPLE_S};
+use crate::rules::Conditions;
 use crate::simulator::{Input, Simulator};
 
 /// Natural frequency of the observer, rad/s. With a much lower one, the model sticks where the
@@ -81,13 +82,14 @@ impl Detectability {
 /// torque is unknown).
 type Left = [Vec<f64>; 3];
 
-/// Compares a machine with all its effects to one without the effect in question.
+/// Compares a machine with all its effects to one without the effect in question, on the channels
+/// that the records have.
 ///
 /// # Errors
 /// What building a model says.
 pub fn detect(
     plans: &[Plan],
-    records: &[Record],
+    (records, taken): (&[Record], &Conditions),
     with: &Builder,
     without: &Builder,
 ) -> Result<Detectability, CaseError> {
@@ -129,7 +131,7 @@ pub fn detect(
             },
         )
         .collect::<Result<Vec<_>, CaseError>>()?;
-    Ok(judge(&all, &without.machine))
+    Ok(judge(&all, &without.machine, taken))
 }
 
 /// Late readings would make the observer unstable: a model that knows of the dead time of its
@@ -174,7 +176,7 @@ fn reach(name: &str) -> f64 {
 
 /// First the true model's rest, then that of the one without the effect, then the latter's with
 /// each constant changed.
-fn judge(all: &[Vec<Left>], machine: &MachineParameters) -> Detectability {
+fn judge(all: &[Vec<Left>], machine: &MachineParameters, taken: &Conditions) -> Detectability {
     let join = |left: &[Left], channel: usize| -> Vec<f64> {
         left.iter().flat_map(|record| record[channel].iter().copied()).collect()
     };
@@ -230,7 +232,7 @@ fn judge(all: &[Vec<Left>], machine: &MachineParameters) -> Detectability {
         let part = |values: &DVector<f64>| floor * rms(&values.as_slice()[from..from + count]);
         (seen.without[channel], seen.refitted[channel]) = (part(&rest), part(&fitted));
         let gain = seen.refitted[channel] / floor - 1.0;
-        if count > 0 && gain > seen.gain {
+        if count > 0 && taken.shows(channel) && gain > seen.gain {
             (seen.gain, seen.channel) = (gain, channel);
         }
         from += count;

@@ -33,6 +33,7 @@ pub mod random;
 pub mod record;
 pub mod reference;
 pub mod results;
+pub mod rules;
 pub mod score;
 pub mod simulator;
 pub mod smoothing;

@@ -26,6 +26,14 @@ macro_rules! machine {
                 machine
             }
 
+            /// Each constant anywhere within its tolerance, one in four at its edge.
+            pub fn drawn_to_the_edge(draw: &mut Draw) -> Self {
+                let mut machine = Self::declared();
+                $(machine.$name *= factor_to_the_edge(draw, $tolerance);)+
+                machine.join_friction();
+                machine
+            }
+
             /// All constants by name.
             pub fn named(&self) -> BTreeMap<String, f64> {
                 [$((stringify!($name).to_owned(), self.$name),)+].into()
@@ -88,6 +96,12 @@ const LARGEST_DEVIATION: f64 = 0.25;
 fn factor(draw: &mut Draw, tolerance: f64) -> f64 {
     let reach = tolerance.min(LARGEST_DEVIATION);
     (0.5 * reach * draw.normal()).exp().clamp(1.0 - reach, 1.0 + reach)
+}
+
+fn factor_to_the_edge(draw: &mut Draw, tolerance: f64) -> f64 {
+    let within = draw.uniform(-1.0, 1.0);
+    let at_edge = draw.sign() * draw.uniform(0.95, 1.0);
+    1.0 + tolerance * if draw.below(4) == 0 { at_edge } else { within }
 }
 
 impl MachineParameters {
@@ -193,6 +207,21 @@ mod tests {
                 assert_eq!(off == 0.0, *tolerance == 0.0, "{name} of seed {seed}: {off}");
             }
         }
+    }
+
+    #[test]
+    fn constants_at_the_edge_stay_within() {
+        let mut at_edge = 0;
+        for seed in 0..100 {
+            let machine = MachineParameters::drawn_to_the_edge(&mut Draw::new(seed)).named();
+            for (name, value, tolerance, _) in DECLARED {
+                let off = (machine[*name] / value - 1.0).abs();
+                assert!(off <= tolerance + 1e-12, "{name}: {off}");
+                at_edge += usize::from(*tolerance > 0.0 && off >= 0.95 * tolerance);
+            }
+        }
+        let varied = DECLARED.iter().filter(|row| row.2 > 0.0).count() * 100;
+        assert!((varied / 5..varied / 2).contains(&at_edge), "{at_edge} of {varied}");
     }
 
     /// The table above is the rig file's.

@@ -7,6 +7,7 @@ use std::io::{self, Write};
 
 use crate::deviation::Instruments;
 use crate::random::Draw;
+use crate::rules::{Conditions, Missing};
 use crate::simulator::{Input, Simulator, State};
 
 /// Rows per second.
@@ -202,22 +203,37 @@ impl Control {
 }
 
 impl Record {
-    /// Writes the record as a CSV file.
+    /// Writes the record as a CSV file, as its conditions have it: the voltage of a row is the
+    /// mean until the next. `seed` draws the rows that are lost.
     ///
     /// # Errors
     /// What the writer says.
-    pub fn write(&self, to: &mut impl Write) -> io::Result<()> {
-        writeln!(to, "{HEADER}")?;
-        for index in 0..self.motor_v.len() {
+    pub fn write(&self, to: &mut impl Write, taken: &Conditions, seed: u64) -> io::Result<()> {
+        let mut draw = Draw::new(seed);
+        let columns: Vec<&str> = HEADER
+            .split(',')
+            .filter(|name| taken.missing.is_none_or(|it| it.name() != *name))
+            .collect();
+        writeln!(to, "{}", columns.join(","))?;
+        let mut before_lost = true;
+        for index in (0..self.motor_v.len()).step_by(taken.stride) {
+            // Not two in succession, and not the first.
+            before_lost = !before_lost && draw.uniform(0.0, 1.0) < taken.lost;
+            if before_lost {
+                continue;
+            }
             let time = self.start_s + index as f64 * SAMPLE_S;
-            writeln!(
-                to,
-                "{time:.4},{:.6},{:.8},{:.8},{:.6}",
-                self.motor_v[index],
-                self.master_rad[index],
-                self.slave_rad[index],
-                self.slave_torque_nm[index]
-            )?;
+            let until = (index + taken.stride).min(self.motor_v.len());
+            let held = &self.motor_v[index..until];
+            let volts = held.iter().sum::<f64>() / held.len() as f64;
+            write!(to, "{time:.4},{volts:.6},{:.8}", self.master_rad[index])?;
+            if taken.missing != Some(Missing::SlaveAngle) {
+                write!(to, ",{:.8}", self.slave_rad[index])?;
+            }
+            if taken.missing != Some(Missing::SlaveTorque) {
+                write!(to, ",{:.6}", self.slave_torque_nm[index])?;
+            }
+            writeln!(to)?;
         }
         Ok(())
     }
@@ -243,7 +259,7 @@ mod tests {
     fn a_file_has_its_header_and_all_rows() {
         let record = recorded(200);
         let mut text = Vec::new();
-        record.write(&mut text).unwrap();
+        record.write(&mut text, &Conditions::default(), 1).unwrap();
         let text = String::from_utf8(text).unwrap();
         let mut lines = text.lines();
         assert_eq!(lines.next(), Some("t_s,motor_v,master_rad,slave_rad,slave_torque_nm"));
@@ -254,6 +270,30 @@ mod tests {
         assert!(rows.iter().all(|row| row.len() == 5));
         assert_eq!((rows[0][0], rows[1][0]), (15.0, 15.0005));
         assert!((rows[150][2] - record.master_rad[150]).abs() < 1e-8);
+    }
+
+    #[test]
+    fn a_file_as_its_conditions_have_it() {
+        let record = recorded(4000);
+        let taken =
+            Conditions { stride: 4, lost: 0.1, missing: Some(Missing::SlaveAngle), stuck: None };
+        let mut text = Vec::new();
+        record.write(&mut text, &taken, 7).unwrap();
+        let text = String::from_utf8(text).unwrap();
+        let mut lines = text.lines();
+        assert_eq!(lines.next(), Some("t_s,motor_v,master_rad,slave_torque_nm"));
+        let rows: Vec<Vec<f64>> = lines
+            .map(|line| line.split(',').map(|field| field.parse().unwrap()).collect())
+            .collect();
+        assert!((860..960).contains(&rows.len()), "{} of 1000", rows.len());
+        let steps = rows.windows(2).map(|two| ((two[1][0] - two[0][0]) / 0.002).round());
+        let steps: Vec<f64> = steps.collect();
+        assert!(steps.iter().all(|step| *step == 1.0 || *step == 2.0) && steps.contains(&2.0));
+        for row in &rows {
+            let index = ((row[0] - record.start_s) * SAMPLE_HZ).round() as usize;
+            assert!((row[1] - record.motor_v[index]).abs() < 1e-6, "held for a control cycle");
+            assert!((row[2] - record.master_rad[index]).abs() < 1e-8);
+        }
     }
 
     #[test]

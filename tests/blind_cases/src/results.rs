@@ -16,6 +16,7 @@ use serde::{Deserialize, Serialize};
 use crate::case::Set;
 use crate::effects::Kinds;
 use crate::fingerprint;
+use crate::rules::Rules;
 use crate::score::Score;
 
 /// Program and options. All but the name of the program may be missing in older files.
@@ -34,6 +35,9 @@ pub struct Configuration {
     pub jobs: Option<usize>,
     /// Kinds of the unlisted effects.
     pub unlisted_kinds: Option<Kinds>,
+    /// Rules of the cases; not recorded means the usual ones.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub rules: Option<Rules>,
 }
 
 impl Configuration {
@@ -46,7 +50,7 @@ impl Configuration {
         rig: &Path,
         limit_s: u64,
         jobs: usize,
-        kinds: Kinds,
+        (kinds, rules): (Kinds, Rules),
     ) -> Result<Self, ResultsError> {
         let hash = |path: &Path| {
             fingerprint::of_file(path)
@@ -60,6 +64,7 @@ impl Configuration {
             limit_s: Some(limit_s),
             jobs: Some(jobs),
             unlisted_kinds: Some(kinds),
+            rules: Some(rules).filter(|rules| *rules != Rules::Usual),
         })
     }
 
@@ -72,6 +77,7 @@ impl Configuration {
             ("--limit-s", self.limit_s != other.limit_s),
             ("--jobs", self.jobs != other.jobs),
             ("--unlisted-kinds", self.unlisted_kinds != other.unlisted_kinds),
+            ("--rules", self.rules != other.rules),
         ];
         parts.into_iter().filter_map(|(name, differs)| differs.then_some(name)).collect()
     }
@@ -97,7 +103,8 @@ impl fmt::Display for Configuration {
             number(self.limit_s.map(|limit| limit.to_string())),
             number(self.jobs.map(|jobs| jobs.to_string())),
             number(self.unlisted_kinds.map(|kinds| kinds.name().to_owned()))
-        )
+        )?;
+        self.rules.map_or(Ok(()), |rules| write!(f, ", rules {}", rules.name()))
     }
 }
 

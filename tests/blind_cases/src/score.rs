@@ -156,9 +156,9 @@ pub struct Score {
     pub variable_right: Option<bool>,
     /// Site and variable as reported.
     pub told: Option<(String, String)>,
-    /// Whether both of two effects were found.
+    /// Whether all of two or three effects were found.
     pub both: Option<bool>,
-    /// Whether an effect was found that is neither of the two.
+    /// Whether an effect was found that is none of them.
     pub false_third: Option<bool>,
     /// Error with the effects over the noise floor, of the worst channel that has a floor.
     pub over_floor: Option<f64>,
@@ -269,7 +269,7 @@ fn judge(truth: &Facts<'_>, answer: Option<&Answer>, run: &Run) -> Score {
     let rivals: Vec<String> = said.ambiguous_with.iter().map(name).collect();
     let true_names: Vec<String> = truth.effects.iter().map(Effect::name).collect();
     let flagged = answer.is_some() && said.unexplained();
-    let two = truth.effects.len() == 2;
+    let several = truth.effects.len() > 1;
     let hits = truth
         .effects
         .iter()
@@ -303,8 +303,8 @@ fn judge(truth: &Facts<'_>, answer: Option<&Answer>, run: &Run) -> Score {
                 .is_some_and(|found| effect.depends_on.contains(&found))
         }),
         told: told.map(|told| (told.site.clone(), told.depends_on.clone())),
-        both: two.then_some(hits == 2),
-        false_third: two.then(|| {
+        both: several.then_some(hits == truth.effects.len()),
+        false_third: several.then(|| {
             said.effects
                 .iter()
                 .any(|named| !truth.effects.iter().any(|effect| said.meant(effect, named)))

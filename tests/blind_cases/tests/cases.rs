@@ -1,24 +1,27 @@
 //! Whole cases: the same seed gives the same case, and every effect leaves its mark on the records.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
-use blind_cases::case::{Set, unjudged};
+use std::collections::HashSet;
+
+use blind_cases::case::{DrawnFrom, Set, unjudged};
 use blind_cases::case_plan::Builder;
 use blind_cases::effects::{Kinds, beside, listed, unlisted};
 use blind_cases::machine_parameters::MachineParameters;
 use blind_cases::random::{Draw, subseed};
 use blind_cases::record::{Noise, Record, SAMPLE_S, run};
 use blind_cases::reference::{Kind, hand, reference};
+use blind_cases::rules::Rules;
 use blind_cases::simulator::{Input, MOST, Simulator, State};
 use blind_cases::smoothing::{Shape, Smoothing};
 
 #[test]
 fn a_case_follows_from_its_seed() {
-    let case = unjudged(Set::Pairs, 3, 11, Kinds::All, &[]).unwrap();
-    let again = unjudged(Set::Pairs, 3, 11, Kinds::All, &[]).unwrap();
+    let case = unjudged(Set::Pairs, 3, 11, &DrawnFrom::default()).unwrap();
+    let again = unjudged(Set::Pairs, 3, 11, &DrawnFrom::default()).unwrap();
     assert_eq!(case.truth, again.truth);
     assert_eq!(case.records, again.records);
     assert_ne!(
-        unjudged(Set::Pairs, 3, 12, Kinds::All, &[]).unwrap().truth.machine,
+        unjudged(Set::Pairs, 3, 12, &DrawnFrom::default()).unwrap().truth.machine,
         case.truth.machine
     );
     assert!((8..=10).contains(&case.records.len()));
@@ -40,7 +43,7 @@ fn a_case_follows_from_its_seed() {
 #[test]
 fn a_written_case_has_its_records_and_its_truth() {
     let folder = tempfile::tempdir().unwrap();
-    let case = unjudged(Set::Clean, 1, 5, Kinds::All, &[]).unwrap();
+    let case = unjudged(Set::Clean, 1, 5, &DrawnFrom::default()).unwrap();
     case.write(folder.path()).unwrap();
     let truth: blind_cases::case::Truth =
         serde_json::from_str(&std::fs::read_to_string(folder.path().join("truth.json")).unwrap())
@@ -57,6 +60,36 @@ fn a_written_case_has_its_records_and_its_truth() {
     assert!(text.lines().nth(1).unwrap().starts_with("15.0000,"), "time goes on over the records");
 }
 
+#[test]
+fn a_case_by_the_harder_rules_is_written_as_its_conditions_have_it() {
+    let from = DrawnFrom { rules: Rules::Harder, ..DrawnFrom::default() };
+    let (mut slower, mut lossy, mut stuck) = (0, 0, 0);
+    for index in 0..12 {
+        let case = unjudged(Set::Triples, index, 7, &from).unwrap();
+        let taken = case.truth.conditions;
+        let sites: HashSet<_> = case.truth.effects.iter().map(|effect| effect.site).collect();
+        assert_eq!(sites.len(), 3, "three effects at three sites");
+        let folder = tempfile::tempdir().unwrap();
+        let files = case.write_records(folder.path()).unwrap();
+        let text = std::fs::read_to_string(&files[0]).unwrap();
+        let columns: Vec<&str> = text.lines().next().unwrap().split(',').collect();
+        assert_eq!(columns.len(), if taken.missing.is_some() { 4 } else { 5 }, "{taken:?}");
+        let (rows, most) = (text.lines().count() - 1, 20_000 / taken.stride);
+        assert!(rows <= most && rows >= most - most / 100, "{rows} of {most}");
+        slower += usize::from(taken.stride > 1);
+        lossy += usize::from(rows < most);
+        if let Some(record) = taken.stuck {
+            let slave = &case.records[record].slave_rad;
+            let (low, high) = slave.iter().fold((0.0_f64, 0.0_f64), |(low, high), position| {
+                (low.min(*position), high.max(*position))
+            });
+            assert!(high - low < 0.1, "it moves by {} rad", high - low);
+            stuck += 1;
+        }
+    }
+    assert!(slower > 0 && lossy > 0 && stuck > 0, "{slower} {lossy} {stuck}");
+}
+
 /// Every pair that the set of pairs can draw, in either order: each has room, and its first sample
 /// is a number.
 #[test]
@@ -64,7 +97,7 @@ fn every_pair_can_be_built() {
     let smoothing = Smoothing { shape: Shape::Root, speed_rad_s: 0.1 };
     let (mut pairs, mut most) = (0, 0);
     for first in listed() {
-        for second in beside(first) {
+        for second in beside(&[first]) {
             let mut draw = Draw::new(subseed(5, &format!("{} {}", first.id, second.id)));
             let effects = vec![first.draw(&mut draw), second.draw(&mut draw)];
             let names: Vec<String> =

@@ -4,11 +4,11 @@
 
 use std::collections::BTreeSet;
 
-use blind_cases::case::{Case, Set, make, unjudged};
+use blind_cases::case::{Case, DrawnFrom, Set, make, unjudged};
 use blind_cases::effects::{Kinds, unlisted};
 
 fn case(index: usize, kinds: Kinds) -> Case {
-    unjudged(Set::Unlisted, index, 1, kinds, &[]).unwrap()
+    unjudged(Set::Unlisted, index, 1, &DrawnFrom { kinds, ..DrawnFrom::default() }).unwrap()
 }
 
 /// Cases of seed 1 as they were before there were others: name, numbers, bulk modulus (Pa), and of
@@ -108,7 +108,8 @@ fn all_kinds_begin_with_the_old_ones_and_new_ones_are_disjoint() {
 #[test]
 fn new_effects_are_detectable() {
     for index in (0..unlisted(Kinds::New).len()).step_by(2) {
-        let case = make(Set::Unlisted, index, 9, Kinds::New, &[]).unwrap();
+        let from = DrawnFrom { kinds: Kinds::New, ..DrawnFrom::default() };
+        let case = make(Set::Unlisted, index, 9, &from).unwrap();
         let (effect, seen) = (&case.truth.effects[0], &case.truth.detectability[0]);
         assert!(seen.detectable(), "{} {:?}: {seen:?}", effect.name(), effect.parameters);
         let angles = case

@@ -21,11 +21,12 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, bail};
-use blind_cases::case::{Set, make};
+use blind_cases::case::{DrawnFrom, Set, make};
 use blind_cases::case_plan::CaseError;
 use blind_cases::effects::Kinds;
 use blind_cases::one_channel;
 use blind_cases::results::{Configuration, Line, Results, name, read};
+use blind_cases::rules::Rules;
 use blind_cases::score::{Answer, End, Run, Score, score, score_one_channel};
 use blind_cases::table::table;
 use clap::Parser;
@@ -51,6 +52,9 @@ struct Args {
     /// Cases with two listed effects
     #[arg(long, default_value_t = 60)]
     pairs: usize,
+    /// Cases with three listed effects
+    #[arg(long, default_value_t = 0)]
+    triples: usize,
     /// Machines with one channel (drives, oscillators, elements) with one listed effect
     #[arg(long, default_value_t = 0)]
     one_channel_listed: usize,
@@ -67,6 +71,9 @@ struct Args {
     /// and then the others
     #[arg(long, value_enum, default_value = "all")]
     unlisted_kinds: Kinds,
+    /// Rules by which transmissions are drawn and recorded
+    #[arg(long, value_enum, default_value = "usual")]
+    rules: Rules,
     /// Seed
     #[arg(long, default_value_t = 1)]
     seed: u64,
@@ -185,7 +192,8 @@ fn run(args: &Args, mut results: Results) -> anyhow::Result<(Configuration, Vec<
 /// The configuration as it is now.
 fn configuration(args: &Args) -> anyhow::Result<Configuration> {
     let program = (args.farreach.as_path(), &*version(&args.farreach)?);
-    Ok(Configuration::of(program, &args.rig, args.limit_s, args.jobs, args.unlisted_kinds)?)
+    let drawn = (args.unlisted_kinds, args.rules);
+    Ok(Configuration::of(program, &args.rig, args.limit_s, args.jobs, drawn)?)
 }
 
 /// The cases in an order such that an interrupted campaign has some of each set.
@@ -195,6 +203,7 @@ fn plan(args: &Args) -> Vec<(Set, usize)> {
         (Set::Clean, args.clean),
         (Set::Unlisted, args.unlisted),
         (Set::Pairs, args.pairs),
+        (Set::Triples, args.triples),
         (Set::OneChannelListed, args.one_channel_listed),
         (Set::OneChannelClean, args.one_channel_clean),
         (Set::OneChannelUnlisted, args.one_channel_unlisted),
@@ -281,7 +290,8 @@ fn one(args: &Args, set: Set, index: usize, stop: &AtomicBool) -> anyhow::Result
         };
         return Ok(Some(score_one_channel(&case.truth, answer.as_ref(), &run)));
     }
-    let case = make(set, index, args.seed, args.unlisted_kinds, &[])?;
+    let from = DrawnFrom { kinds: args.unlisted_kinds, rules: args.rules, ..DrawnFrom::default() };
+    let case = make(set, index, args.seed, &from)?;
     let files = case.write_records(&records)?;
     let keep = |to: &Path| case.write(to);
     let asked = (folder.path(), &*args.rig, &files[..]);

@@ -8,10 +8,11 @@
 use std::path::PathBuf;
 use std::time::Instant;
 
-use blind_cases::case::{Set, make};
+use blind_cases::case::{DrawnFrom, Set, make};
 use blind_cases::effects::{self, Kinds};
 use blind_cases::one_channel;
 use blind_cases::results::name;
+use blind_cases::rules::Rules;
 use clap::Parser;
 
 /// Writes blind cases, one folder a case: record-NN.csv and truth.json.
@@ -39,6 +40,9 @@ struct Args {
     /// and then the others
     #[arg(long, value_enum, default_value = "all")]
     unlisted_kinds: Kinds,
+    /// Rules by which transmissions are drawn and recorded
+    #[arg(long, value_enum, default_value = "usual")]
+    rules: Rules,
     /// Names all effects, listed and unlisted, and writes nothing
     #[arg(long)]
     list: bool,
@@ -59,6 +63,8 @@ fn main() -> anyhow::Result<()> {
         return Ok(());
     }
     let Some(out) = args.out else { return Ok(()) };
+    let from =
+        DrawnFrom { kinds: args.unlisted_kinds, rules: args.rules, forced: args.effect.clone() };
     for index in args.from..args.from + args.cases {
         let started = Instant::now();
         if args.set.one_channel() {
@@ -73,7 +79,7 @@ fn main() -> anyhow::Result<()> {
             );
             continue;
         }
-        let case = make(args.set, index, args.seed, args.unlisted_kinds, &args.effect)?;
+        let case = make(args.set, index, args.seed, &from)?;
         let folder = out.join(name(args.set, index));
         case.write(&folder)?;
         let shown: Vec<String> = case

@@ -213,9 +213,12 @@ pub fn listed() -> Vec<&'static Entry> {
     all().filter(first).chain(all().filter(|entry| !first(entry))).collect()
 }
 
-/// Listed entries that may be combined with one of them: another effect at another site.
-pub fn beside(first: &Entry) -> Vec<&'static Entry> {
-    listed().into_iter().filter(|other| other.site != first.site && other.id != first.id).collect()
+/// Listed entries that may be combined with others: another effect at another site.
+pub fn beside(chosen: &[&Entry]) -> Vec<&'static Entry> {
+    let apart = |other: &&Entry| {
+        chosen.iter().all(|entry| other.site != entry.site && other.id != entry.id)
+    };
+    listed().into_iter().filter(apart).collect()
 }
 
 /// All unlisted entries of these kinds, sites mixed.
