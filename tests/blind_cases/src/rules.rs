@@ -89,7 +89,7 @@ const LOST: f64 = 2e-3;
 /// Records that a slave may stick in: those that are not repeated.
 const STUCK: [usize; 4] = [1, 3, 5, 7];
 /// Size of the movement in such a record, of the usual one.
-pub const STUCK_SCALE: f64 = 0.03;
+pub const STUCK_SCALE: f64 = 0.01;
 /// Effects whose first parameter is not a strength: it is kept where others are halved.
 const NOT_A_STRENGTH: [&str; 1] = ["amplifier_saturation"];
 

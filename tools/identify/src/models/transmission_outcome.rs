@@ -347,8 +347,9 @@ fn notes(study: &Study<'_>) -> Vec<String> {
     let given_up =
         study.found.given_up.iter().filter(|(id, site)| !came_back(id, *site)).map(|(id, site)| {
             format!(
-                "{id} at the {site} was added and removed again: a later effect made it redundant, \
-                 or the error stayed far above the repeatability"
+                "{id} at the {site} was added and removed again: a later effect or a better fit of \
+                 the declared model made it redundant, or the error stayed far above the \
+                 repeatability"
             )
         });
     let unfinished = study.found.unfinished.map(|what| {

@@ -33,10 +33,10 @@ pub(super) struct Problem<'a, 'b> {
     template: Setting,
     /// Coordinates of weighted residuals; none where the first Jacobian has none.
     basis: Option<GrowingBasis>,
-    /// The first Jacobian, until the solver asks for it; none after the deadline.
-    first: RefCell<Option<DMatrix<f64>>>,
-    /// The current Jacobian.
+    /// The latest Jacobian; none after the deadline.
     known: RefCell<Option<BroydenJacobian>>,
+    /// Number of rows that the solver sees.
+    rows: usize,
 }
 
 /// A point with the residual that the solver sees.
@@ -109,10 +109,13 @@ impl<'a, 'b> Problem<'a, 'b> {
             before: None,
             template: best.setting.clone(),
             basis,
-            first: RefCell::new(first),
             known: RefCell::new(None),
+            rows: 0,
         };
-        problem.now = Some(problem.seen(best.clone()));
+        let start = problem.seen(best.clone());
+        problem.rows = start.rows.len();
+        problem.known = RefCell::new(first.map(|first| problem.known_at(&start, first)));
+        problem.now = Some(start);
         problem
     }
 
@@ -125,15 +128,24 @@ impl<'a, 'b> Problem<'a, 'b> {
 }
 
 impl Problem<'_, '_> {
-    fn rows(&self) -> usize {
-        let model = self.dataset.model;
-        let of =
-            |record: &usize| model.channels(*record).len() * model.records[*record].residual_rows();
-        let data = match &self.basis {
-            Some(basis) => basis.dimensions(),
-            None => self.dataset.records.iter().map(of).sum::<usize>(),
-        };
-        data + self.declared().count()
+    /// The Jacobian at the start, with the prior rows.
+    fn known_at(&self, start: &Evaluated, first: DMatrix<f64>) -> BroydenJacobian {
+        let data = first.nrows();
+        let mut jacobian = first.resize_vertically(self.rows, 0.0);
+        let of_declared =
+            self.parameters.iter().enumerate().filter(|(_, parameter)| parameter.is_base());
+        for (row, (column, parameter)) in of_declared.enumerate() {
+            jacobian[(data + row, column)] =
+                self.dataset.off_slope(parameter, &start.fitted.setting);
+        }
+        BroydenJacobian {
+            open: self.open.clone(),
+            rows: start.rows.clone(),
+            objective: start.fitted.objective,
+            count: start.fitted.rows() + self.declared().count(),
+            jacobian,
+            steps: 0,
+        }
     }
 
     /// A point with its weighted residual and prior rows.
@@ -190,29 +202,16 @@ impl LeastSquaresProblem<f64, Dyn, Dyn> for Problem<'_, '_> {
 
     fn residuals(&self) -> Option<DVector<f64>> {
         // A step that cannot be simulated is rejected, not an error.
-        let rejected = || DVector::from_element(self.rows(), 1e6);
+        let rejected = || DVector::from_element(self.rows, 1e6);
         Some(self.now.as_ref().map_or_else(rejected, |now| now.rows.clone()))
     }
 
     fn jacobian(&self) -> Option<DMatrix<f64>> {
         let now = self.now.as_ref().filter(|_| !self.dataset.deadline.has_passed())?;
-        let (rows, objective) = (now.rows.clone(), now.fitted.objective);
         let mut known = self.known.borrow_mut();
-        if let Some(known) = known.as_mut() {
-            return known.update(&self.open, rows, objective).then(|| known.jacobian.clone());
-        }
-        let first = self.first.take()?;
-        let data = first.nrows();
-        let mut all = first.resize_vertically(data + self.declared().count(), 0.0);
-        let of_declared =
-            self.parameters.iter().enumerate().filter(|(_, parameter)| parameter.is_base());
-        for (row, (column, parameter)) in of_declared.enumerate() {
-            all[(data + row, column)] = self.dataset.off_slope(parameter, &now.fitted.setting);
-        }
-        let open = self.open.clone();
-        let count = now.fitted.rows() + self.declared().count();
-        let jacobian = all.clone();
-        *known = Some(BroydenJacobian { open, rows, objective, count, jacobian, steps: 0 });
-        Some(all)
+        let known = known.as_mut()?;
+        let holds = known.open == self.open
+            || known.update(&self.open, now.rows.clone(), now.fitted.objective);
+        holds.then(|| known.jacobian.clone())
     }
 }

@@ -26,11 +26,11 @@ pub fn advanced(column: &[f64], rows: f64) -> Cow<'_, [f64]> {
     }
     let (whole, part) = (rows.floor() as usize, rows.fract());
     let at = |row: usize| column[row.saturating_sub(HALF - 1).min(column.len() - 1)];
-    let (first, count) = (whole, column.len());
+    let count = column.len();
     if part == 0.0 {
         return Cow::Owned((0..count).map(|row| at(row + whole + HALF - 1)).collect());
     }
-    let padded: Vec<f64> = (first..first + count + 2 * HALF - 1).map(at).collect();
+    let padded: Vec<f64> = (whole..whole + count + 2 * HALF - 1).map(at).collect();
     let mut later = vec![0.0; count];
     for (tap, weight) in interpolator(part).into_iter().enumerate() {
         for (row, value) in later.iter_mut().zip(&padded[tap..]) {
