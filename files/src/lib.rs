@@ -3,7 +3,7 @@
 
 mod format;
 
-use std::fs::Permissions;
+use std::fs::{OpenOptions, Permissions};
 use std::io::{self, Write};
 use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
@@ -14,12 +14,27 @@ pub use format::{Format, FormatError, LARGEST, fnv1a};
 
 /// Writes `contents` to the file at `path`, in place of an older one. Whoever opens it finds the
 /// old contents or the new ones, even after a power failure; processes that have the old file open
-/// keep it. Rights are those that the umask leaves.
+/// keep it. Rights are those that the umask leaves. A symbolic link stays; its target is replaced.
+///
+/// A device, pipe or socket (`/dev/null`, `/dev/stdout`) is written to: a file in its place would
+/// take it from every process of the machine.
 ///
 /// # Errors
-/// The system's; the file at `path` is then as it was.
+/// The system's; a file at `path` is then as it was.
 pub fn replace(path: &Path, contents: impl AsRef<[u8]>) -> io::Result<()> {
-    written(path, contents.as_ref())?.persist(path).map(drop).map_err(|error| error.error)
+    let contents = contents.as_ref();
+    // Absent, or not to be looked at: creating the file decides.
+    let Ok(kind) = path.metadata().map(|found| found.file_type()) else {
+        return replace_file(path, contents);
+    };
+    if kind.is_file() || kind.is_dir() {
+        return replace_file(&path.canonicalize()?, contents);
+    }
+    OpenOptions::new().write(true).open(path)?.write_all(contents)
+}
+
+fn replace_file(path: &Path, contents: &[u8]) -> io::Result<()> {
+    written(path, contents)?.persist(path).map(drop).map_err(|error| error.error)
 }
 
 /// Writes `contents` to a file that does not exist yet; otherwise like [`replace`].
@@ -46,6 +61,9 @@ fn written(path: &Path, contents: &[u8]) -> io::Result<NamedTempFile> {
 #[cfg(test)]
 mod tests {
     use std::fs;
+    use std::os::unix::fs::{FileTypeExt, symlink};
+
+    use rustix::fs::{CWD, FileType, Mode, mknodat};
 
     use super::*;
 
@@ -68,6 +86,29 @@ mod tests {
             replace(&folder.path().join("none/a"), "").unwrap_err().kind(),
             io::ErrorKind::NotFound
         );
+    }
+
+    #[test]
+    fn a_pipe_is_written_to_and_stays_one() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("pipe");
+        mknodat(CWD, &path, FileType::Fifo, Mode::RWXU, 0).unwrap();
+        let kept = path.clone();
+        let reader = std::thread::spawn(move || fs::read_to_string(kept).unwrap());
+        replace(&path, "one").unwrap();
+        assert!(path.metadata().unwrap().file_type().is_fifo());
+        assert_eq!(reader.join().unwrap(), "one");
+    }
+
+    #[test]
+    fn a_link_stays_and_its_target_is_replaced() {
+        let folder = tempfile::tempdir().unwrap();
+        let (target, link) = (folder.path().join("target"), folder.path().join("link"));
+        fs::write(&target, "one").unwrap();
+        symlink("target", &link).unwrap();
+        replace(&link, "two").unwrap();
+        assert!(link.is_symlink());
+        assert_eq!(fs::read_to_string(&target).unwrap(), "two");
     }
 
     #[test]
