@@ -112,9 +112,19 @@ fn replay(rig: &TestRig, csv: &Path) -> PathBuf {
     recording
 }
 
+/// Replays a record, and identifies it meanwhile; then identifies the recording. The results for
+/// the record and for the recording.
+fn identified(rig: &TestRig, csv: &Path) -> [Value; 2] {
+    std::thread::scope(|scope| {
+        let from_record = scope.spawn(|| identify(rig, csv, "record.json"));
+        let recording = replay(rig, csv);
+        [from_record.join().unwrap(), identify(rig, &recording, "recording.json")]
+    })
+}
+
 /// The result of `farreach identify` for a record.
-fn identify(rig: &TestRig, record: &Path) -> Value {
-    let json = rig.path("identify.json");
+fn identify(rig: &TestRig, record: &Path, json: &str) -> Value {
+    let json = rig.path(json);
     let output = rig
         .farreach(["identify", "--rig"])
         .arg(emps_rig())
@@ -214,9 +224,7 @@ fn a_record_of_known_truth_goes_through_the_rig_unchanged_and_its_friction_is_na
     let csv = rig.path("carriage.csv");
     std::fs::write(&csv, synthetic()).unwrap();
     assert_eq!(rows_of(&csv).len(), 10_000);
-    let recording = replay(&rig, &csv);
-    let from_record = identify(&rig, &csv);
-    let from_recording = identify(&rig, &recording);
+    let [from_record, from_recording] = identified(&rig, &csv);
     assert_eq!(ids(&from_record), ["coulomb_friction"]);
     let coulomb = &from_record["effects"][0]["parameters"][0];
     let (value, std) = (coulomb["value"].as_f64().unwrap(), coulomb["std"].as_f64().unwrap());
@@ -230,9 +238,7 @@ fn a_record_of_known_truth_goes_through_the_rig_unchanged_and_its_friction_is_na
 fn the_measured_emps_record_goes_through_the_rig_unchanged_and_its_friction_is_named() {
     let Some(csv) = common::measured("emps_train.csv") else { return };
     let rig = TestRig::new("emps");
-    let recording = replay(&rig, &csv);
-    let from_record = identify(&rig, &csv);
-    let from_recording = identify(&rig, &recording);
+    let [from_record, from_recording] = identified(&rig, &csv);
     // The record's force has seven digits after the point; the recording's is the declared 35.15065
     // N/V of the volts.
     assert_agree(&from_record, &from_recording, 1e-4);

@@ -6,6 +6,7 @@ use std::collections::BTreeSet;
 
 use blind_cases::case::{Case, DrawnFrom, Set, make, unjudged};
 use blind_cases::effects::{Kinds, unlisted};
+use rayon::prelude::*;
 
 fn case(index: usize, kinds: Kinds) -> Case {
     unjudged(Set::Unlisted, index, 1, &DrawnFrom { kinds, ..DrawnFrom::default() }).unwrap()
@@ -107,7 +108,7 @@ fn all_kinds_begin_with_the_old_ones_and_new_ones_are_disjoint() {
 /// To judge a case takes seconds; the table of a campaign counts the detectable ones of all.
 #[test]
 fn new_effects_are_detectable() {
-    for index in (0..unlisted(Kinds::New).len()).step_by(2) {
+    (0..unlisted(Kinds::New).len()).into_par_iter().step_by(2).for_each(|index| {
         let from = DrawnFrom { kinds: Kinds::New, ..DrawnFrom::default() };
         let case = make(Set::Unlisted, index, 9, &from).unwrap();
         let (effect, seen) = (&case.truth.effects[0], &case.truth.detectability[0]);
@@ -118,5 +119,5 @@ fn new_effects_are_detectable() {
             .flat_map(|record| record.master_rad.iter().chain(&record.slave_rad));
         let largest = angles.fold(0.0_f64, |largest, angle| largest.max(angle.abs()));
         assert!(largest < 2.0, "{} goes to {largest} rad", effect.name());
-    }
+    });
 }

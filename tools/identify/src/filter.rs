@@ -65,28 +65,37 @@ impl ZeroPhase {
         work.extend((1..=pad).rev().map(|i| 2.0 * signal[0] - signal[i]));
         work.extend_from_slice(signal);
         work.extend((1..=pad).map(|i| 2.0 * signal[n - 1] - signal[n - 1 - i]));
-        for _ in 0..2 {
-            for section in &self.sections {
-                section.pass(&mut work);
-            }
-            work.reverse();
-        }
+        self.pass(work.iter_mut());
+        self.pass(work.iter_mut().rev());
         work[pad..pad + n].to_vec()
+    }
+
+    /// Both sections in one loop: neither waits for the other's last value, and the time of the
+    /// filter is that of waiting.
+    fn pass<'a>(&self, signal: impl Iterator<Item = &'a mut f64>) {
+        let mut signal = signal.peekable();
+        let first = signal.peek().map_or(0.0, |first| **first);
+        let [one, two] = self.sections;
+        // Of gain 1, the first section passes its first value on.
+        let (mut of_one, mut of_two) = (one.settled(first), two.settled(first));
+        for value in signal {
+            *value = two.step(one.step(*value, &mut of_one), &mut of_two);
+        }
     }
 }
 
 impl Section {
-    fn pass(&self, signal: &mut [f64]) {
-        let first = signal.first().copied().unwrap_or(0.0);
-        let mut s1 = (1.0 - self.b[0]) * first;
-        let mut s2 = (self.b[2] - self.a[1]) * first;
-        for value in signal {
-            let x = *value;
-            let y = self.b[0] * x + s1;
-            s1 = self.b[1] * x - self.a[0] * y + s2;
-            s2 = self.b[2] * x - self.a[1] * y;
-            *value = y;
-        }
+    /// State in which a constant input passes unchanged.
+    fn settled(&self, input: f64) -> [f64; 2] {
+        [(1.0 - self.b[0]) * input, (self.b[2] - self.a[1]) * input]
+    }
+
+    #[inline]
+    fn step(&self, x: f64, state: &mut [f64; 2]) -> f64 {
+        let y = self.b[0] * x + state[0];
+        state[0] = self.b[1] * x - self.a[0] * y + state[1];
+        state[1] = self.b[2] * x - self.a[1] * y;
+        y
     }
 }
 

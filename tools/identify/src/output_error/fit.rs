@@ -2,6 +2,7 @@
 
 use levenberg_marquardt::{LeastSquaresProblem, LevenbergMarquardt};
 use nalgebra::{DMatrix, DVector, Dyn, Owned};
+use rayon::prelude::*;
 
 use super::simulation::{Force, Input, Oscillator, steps};
 use crate::effects::Shape;
@@ -346,13 +347,15 @@ impl LeastSquaresProblem<f64, Dyn, Dyn> for Problem<'_> {
     }
     fn jacobian(&self) -> Option<DMatrix<f64>> {
         let here = self.here.as_ref()?;
-        let mut jacobian = DMatrix::zeros(here.len(), self.moved.len());
-        for k in 0..self.moved.len() {
+        let column = |k: usize| {
             let step = self.difference(k);
             let mut moved = self.moved.clone();
             moved[k] += step;
-            jacobian.set_column(k, &((self.residuals_at(&moved)? - here) / step));
-        }
-        Some(jacobian)
+            Some((self.residuals_at(&moved)? - here) / step)
+        };
+        let count = self.moved.len();
+        let columns: Vec<DVector<f64>> =
+            (0..count).into_par_iter().map(column).collect::<Option<_>>()?;
+        Some(DMatrix::from_fn(here.len(), count, |row, k| columns[k][row]))
     }
 }
