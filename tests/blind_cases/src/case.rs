@@ -123,6 +123,19 @@ pub struct Truth {
     pub detectability: Vec<Detectability>,
 }
 
+impl Truth {
+    /// Builds the simulators of the case.
+    fn builder(&self) -> Builder {
+        let mut machine = MachineParameters::declared();
+        for (name, value) in &self.machine {
+            if let Some(place) = machine.named_mut(name) {
+                *place = *value;
+            }
+        }
+        Builder { machine, smoothing: self.smoothing, effects: self.effects.clone() }
+    }
+}
+
 /// A case with its records.
 #[derive(Clone, Debug)]
 pub struct Case {
@@ -154,14 +167,7 @@ pub fn make(
     from: &DrawnFrom,
 ) -> Result<Case, CaseError> {
     let mut case = unjudged(set, index, campaign_seed, from)?;
-    let mut machine = MachineParameters::declared();
-    for (name, value) in &case.truth.machine {
-        if let Some(place) = machine.named_mut(name) {
-            *place = *value;
-        }
-    }
-    let builder =
-        Builder { machine, smoothing: case.truth.smoothing, effects: case.truth.effects.clone() };
+    let builder = case.truth.builder();
     case.truth.detectability = (0..builder.effects.len())
         .map(|index| {
             let (plans, taken) = (&case.truth.records, &case.truth.conditions);
@@ -181,6 +187,32 @@ pub fn unjudged(
     campaign_seed: u64,
     from: &DrawnFrom,
 ) -> Result<Case, CaseError> {
+    let truth = drawn(set, index, campaign_seed, from)?;
+    let builder = truth.builder();
+    let records = truth
+        .records
+        .par_iter()
+        .enumerate()
+        .map(|(number, plan)| {
+            let (wanted, torque) = signals(plan);
+            let seed = subseed(truth.seed, &format!("noise {number}"));
+            let mut model = builder.model(None)?;
+            Ok(record::run(&mut model, &wanted, &torque, plan.start_s, &truth.noise, seed))
+        })
+        .collect::<Result<Vec<_>, CaseError>>()?;
+    Ok(Case { truth, records })
+}
+
+/// Draws a case from its seed, without its records and the detectability of the effects.
+///
+/// # Errors
+/// [`CaseError::Unknown`], [`CaseError::Unbuildable`].
+pub fn drawn(
+    set: Set,
+    index: usize,
+    campaign_seed: u64,
+    from: &DrawnFrom,
+) -> Result<Truth, CaseError> {
     let seed = subseed(campaign_seed, &format!("{} {index}", set.name()));
     let mut draw = Draw::new(subseed(seed, "machine"));
     let harder = from.rules == Rules::Harder;
@@ -202,20 +234,7 @@ pub fn unjudged(
         .map(|entry| weakened(entry.draw(&mut draw), from.rules, &mut draw))
         .collect();
     let conditions = Conditions::drawn(from.rules, &mut Draw::new(subseed(seed, "conditions")));
-    let plans = plan(seed, &conditions);
-    let builder = Builder { machine, smoothing, effects };
-    let steps_per_row = builder.model(None)?.steps();
-    let records = plans
-        .par_iter()
-        .enumerate()
-        .map(|(number, plan)| {
-            let (wanted, torque) = signals(plan);
-            let seed = subseed(seed, &format!("noise {number}"));
-            Ok(record::run(&mut builder.model(None)?, &wanted, &torque, plan.start_s, &noise, seed))
-        })
-        .collect::<Result<Vec<_>, CaseError>>()?;
-    let Builder { machine, effects, .. } = builder;
-    let truth = Truth {
+    let mut truth = Truth {
         set,
         index,
         seed,
@@ -223,12 +242,13 @@ pub fn unjudged(
         machine: machine.named(),
         smoothing,
         noise,
+        records: plan(seed, &conditions),
         conditions,
-        steps_per_row,
-        records: plans,
+        steps_per_row: 0,
         detectability: Vec::new(),
     };
-    Ok(Case { truth, records })
+    truth.steps_per_row = truth.builder().model(None)?.steps();
+    Ok(truth)
 }
 
 fn choose(

@@ -27,6 +27,7 @@ pub mod deviation;
 pub mod effective_size;
 pub mod effects;
 pub mod fingerprint;
+pub mod hose_loss;
 pub mod machine_parameters;
 pub mod one_channel;
 pub mod random;

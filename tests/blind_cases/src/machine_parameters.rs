@@ -168,29 +168,6 @@ impl MachineParameters {
         };
         friction.max(0.0)
     }
-
-    /// Loss of the fluid in one hose over its speed (m/s), N·s/m: eq. 3.1.10 and 3.1.11 with
-    /// `64/Re` below Re 2000, Haaland's form of Colebrook's equation above 4000, and a straight
-    /// line between.
-    pub fn hose_loss_n_s_per_m(&self, speed_m_s: f64) -> f64 {
-        let reynolds = self.fluid_density_kg_m3 * speed_m_s.abs() * self.hose_diameter_m
-            / self.fluid_viscosity_pa_s;
-        let volume = self.hose_area_m2 * self.hose_length_m;
-        if reynolds <= 2000.0 {
-            return 32.0 * self.fluid_viscosity_pa_s * volume / self.hose_diameter_m.powi(2);
-        }
-        let haaland = |reynolds: f64| {
-            let roughness = self.hose_roughness_m / self.hose_diameter_m / 3.7;
-            (-1.8 * (roughness.powf(1.11) + 6.9 / reynolds).log10()).powi(-2)
-        };
-        let factor = if reynolds < 4000.0 {
-            let part = (reynolds - 2000.0) / 2000.0;
-            (1.0 - part) * 0.032 + part * haaland(4000.0)
-        } else {
-            haaland(reynolds)
-        };
-        factor * self.fluid_density_kg_m3 * volume * speed_m_s.abs() / (2.0 * self.hose_diameter_m)
-    }
 }
 
 #[cfg(test)]
@@ -239,18 +216,5 @@ mod tests {
             assert_eq!(found.2, entry["tolerance"].as_float().unwrap(), "{name}");
         }
         assert_eq!(parameters.len(), DECLARED.iter().filter(|row| row.2 > 0.0).count());
-    }
-
-    #[test]
-    fn hose_loss_is_continuous() {
-        let machine = MachineParameters::declared();
-        let speed_of = |reynolds: f64| reynolds * machine.fluid_viscosity_pa_s / 847.0 / 0.009;
-        for reynolds in [2000.0, 4000.0] {
-            let below = machine.hose_loss_n_s_per_m(speed_of(reynolds * (1.0 - 1e-9)));
-            let above = machine.hose_loss_n_s_per_m(speed_of(reynolds * (1.0 + 1e-9)));
-            assert!((above / below - 1.0).abs() < 1e-6, "{reynolds}: {below} {above}");
-        }
-        // 32 ν L A / d² with the numbers of § 3.2.1.
-        assert!((machine.hose_loss_n_s_per_m(0.1) - 5.889).abs() < 1e-3);
     }
 }

@@ -7,6 +7,7 @@
 //! `F/(I v_e)`, stays well within the method's stability.
 
 use crate::deviation::{Deviation, Link, Side, View};
+use crate::hose_loss::HoseLoss;
 use crate::machine_parameters::MachineParameters;
 use crate::smoothing::Smoothing;
 
@@ -62,6 +63,7 @@ pub struct Simulator {
     displacement: [f64; 2],
     half_line_n_per_m: f64,
     fluid_mass_kg: f64,
+    hose_loss: HoseLoss,
     states: usize,
     steps: usize,
     sample_s: f64,
@@ -93,6 +95,7 @@ impl Simulator {
             displacement: machine.displacement_m_per_rad(),
             half_line_n_per_m: 2.0 * machine.line_stiffness_n_per_m(),
             fluid_mass_kg: machine.fluid_mass_kg(),
+            hose_loss: HoseLoss::of(&machine),
             states,
             steps: STEPS.0,
             machine,
@@ -268,7 +271,7 @@ impl Simulator {
                 *transmitted += ratio * link.force_n;
                 on_fluid += link.fluid_force_n;
             }
-            let mut loss = self.machine.hose_loss_n_s_per_m(x[speed]);
+            let mut loss = self.hose_loss.n_s_per_m(x[speed]);
             self.each(|deviation, _| loss = deviation.hose_loss(line, loss, &view));
             rates[place] = x[speed];
             rates[speed] = (-on_fluid - loss * x[speed]) / self.fluid_mass_kg;

@@ -4,7 +4,7 @@
 
 use std::collections::BTreeSet;
 
-use blind_cases::case::{Case, DrawnFrom, Set, make, unjudged};
+use blind_cases::case::{Case, DrawnFrom, Set, drawn, make, unjudged};
 use blind_cases::effects::{Kinds, unlisted};
 use rayon::prelude::*;
 
@@ -100,8 +100,12 @@ fn all_kinds_begin_with_the_old_ones_and_new_ones_are_disjoint() {
     let (one, other) = (case(3, Kinds::Old), case(3, Kinds::All));
     assert_eq!(one.truth, other.truth);
     assert_eq!(one.records, other.records);
-    assert_eq!(case(3, Kinds::New).truth.effects[0].id, new[3]);
-    assert_eq!(case(old.len() + 1, Kinds::All).truth.effects[0].id, new[1]);
+    let first = |index: usize, kinds: Kinds| {
+        let from = DrawnFrom { kinds, ..DrawnFrom::default() };
+        drawn(Set::Unlisted, index, 1, &from).unwrap().effects[0].id.clone()
+    };
+    assert_eq!(first(3, Kinds::New), new[3]);
+    assert_eq!(first(old.len() + 1, Kinds::All), new[1]);
 }
 
 /// A good instrument sees every second of the hold-out, and the machine stays within its travel.

@@ -1,7 +1,7 @@
 //! Answers of known worth, and what the scoring makes of them.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
-use blind_cases::case::{DrawnFrom, Set, Truth, unjudged};
+use blind_cases::case::{DrawnFrom, Set, Truth, drawn};
 use blind_cases::detectability::Detectability;
 use blind_cases::effects::{Kinds, Variable, listed, unlisted};
 use blind_cases::one_channel;
@@ -23,7 +23,7 @@ fn seen(gain: f64) -> Detectability {
 fn truth(set: Set, effects: &[&str]) -> Truth {
     let forced = effects.iter().map(|name| (*name).to_owned()).collect();
     let from = DrawnFrom { forced, ..DrawnFrom::default() };
-    let mut truth = unjudged(set, 0, 3, &from).unwrap().truth;
+    let mut truth = drawn(set, 0, 3, &from).unwrap();
     truth.detectability = effects.iter().map(|_| seen(2.0)).collect();
     truth
 }

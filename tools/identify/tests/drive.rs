@@ -44,10 +44,12 @@ fn record(truth: Truth, seed: u64) -> Series {
     let h = 5e-5;
     let (mut x, mut v) = (0.0f64, 0.0f64);
     let (mut time, mut position, mut forces) = (Vec::new(), Vec::new(), Vec::new());
-    for i in 0..320_000 {
-        let t = f64::from(i) * h;
-        let speed = (reference(t + 1e-4) - reference(t - 1e-4)) / 2e-4;
-        let force = 3e5 * (reference(t) - x) + 8e3 * (speed - v);
+    // From two steps before the first one to two after the last one.
+    let wanted: Vec<f64> = (-2..320_002).map(|i| reference(f64::from(i) * h)).collect();
+    for (i, wanted) in wanted.windows(5).enumerate() {
+        let t = i as f64 * h;
+        let speed = (wanted[4] - wanted[0]) / (4.0 * h);
+        let force = 3e5 * (wanted[2] - x) + 8e3 * (speed - v);
         if i % 40 == 0 {
             time.push(t);
             let seen = x + truth.position_noise * noise.normal();
