@@ -76,8 +76,8 @@ impl ZeroPhase {
         let mut signal = signal.peekable();
         let first = signal.peek().map_or(0.0, |first| **first);
         let [one, two] = self.sections;
-        // Of gain 1, the first section passes its first value on.
-        let (mut of_one, mut of_two) = (one.settled(first), two.settled(first));
+        let mut of_one = one.settled(first);
+        let mut of_two = two.settled(one.step(first, &mut of_one.clone()));
         for value in signal {
             *value = two.step(one.step(*value, &mut of_one), &mut of_two);
         }
