@@ -22,8 +22,10 @@ pub enum Verdict {
     /// significant. No effect is named. Not for transmissions, where this is [`Verdict::Unlisted`]
     /// without a function.
     Inadequate,
-    /// The time limit ended the search before every effect was tried, and the error is above the
-    /// noise floor or that is not known: whether an effect is missing is open.
+    /// Whether an effect is missing is open: the time limit ended the search before every effect
+    /// was tried, and the error is above the noise floor or that is not known; or no record of a
+    /// transmission has the slave's position, and the error is no larger than what the slave's
+    /// friction near zero speed may leave.
     Undecided,
 }
 

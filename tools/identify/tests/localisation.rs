@@ -78,7 +78,7 @@ fn told(site: Option<Site>, size: f64, hands: &[usize]) -> Option<Localisation> 
     let model =
         TransmissionModel::new("hydrostatic.toml", &rig().model, records, Some(COUNT_RAD)).unwrap();
     let (fit, select) = (Dataset::of(&model, Role::Fit), Dataset::of(&model, Role::Select));
-    let base = fit_base(&fit).unwrap();
+    let base = fit_base((&fit, &select)).unwrap();
     localise((&fit, &select), &base.setting)
 }
 

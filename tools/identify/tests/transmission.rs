@@ -32,8 +32,16 @@ fn record(turn: usize, effect: Option<&str>, hand: bool, push_v: f64) -> Record 
 }
 
 fn found(effect: Option<&str>, push_v: f64) -> (TransmissionModel, SearchResult) {
-    let mut records: Vec<Record> =
-        (0..5).map(|turn| record(turn, effect, turn == 4, push_v)).collect();
+    found_in((0..5).map(|turn| record(turn, effect, turn == 4, push_v)).collect())
+}
+
+/// As [`found`], without the slave's encoder.
+fn found_without_slave() -> SearchResult {
+    let record = |turn| Record { slave: None, ..record(turn, None, turn == 4, 0.05) };
+    found_in((0..5).map(record).collect()).1
+}
+
+fn found_in(mut records: Vec<Record>) -> (TransmissionModel, SearchResult) {
     share_out(&mut records, false);
     let mut model =
         TransmissionModel::new("hydrostatic.toml", &rig().model, records, Some(COUNT_RAD)).unwrap();
@@ -86,6 +94,13 @@ fn no_effect_is_found_where_none_is_missing() {
 }
 
 #[test]
+fn without_the_slaves_encoder_nothing_is_named_that_is_not_missing() {
+    let found = found_without_slave();
+    assert!(found.steps.is_empty(), "{:?}", found.steps[0].added);
+    assert!(!found.inadequate && found.unlisted_function.is_none());
+}
+
+#[test]
 fn friction_beyond_the_declared_is_found() {
     let (_, found) = found(Some("coulomb_friction@slave=1.2"), 0.0);
     let names: Vec<_> =
@@ -103,7 +118,7 @@ fn presliding_holds_with_finer_steps_only_if_it_is_real() {
             TransmissionModel::new("hydrostatic.toml", &rig().model, records, Some(COUNT_RAD))
                 .unwrap();
         let (fit, select) = (Dataset::of(&model, Role::Fit), Dataset::of(&model, Role::Select));
-        let base = fit_base(&fit).unwrap();
+        let base = fit_base((&fit, &select)).unwrap();
         let listed = candidates(&record_features(&fit, &base));
         let slave = |of: &&Candidate| (of.id, of.site) == ("presliding_hysteresis", Site::Slave);
         let of = listed.iter().find(slave).unwrap();

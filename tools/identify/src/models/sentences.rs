@@ -136,6 +136,13 @@ fn verdict(outcome: &Outcome, located: bool) -> (Tone, String) {
              most of the error."
                 .to_owned(),
         ),
+        Verdict::Undecided if !outcome.early => (
+            Tone::Warning,
+            "Whether the declared model lacks an effect is open: no record has the slave's \
+             position, and the error that remains is no larger than what the slave's friction \
+             near zero speed may leave."
+                .to_owned(),
+        ),
         Verdict::Undecided => (
             Tone::Warning,
             "Whether the declared model lacks an effect is open: an error remains, and not every \

@@ -55,9 +55,10 @@ fn outcome(study: &Study<'_>) -> Option<Outcome> {
     let found = &study.found;
     let rivals = found.contested().map_or(&[][..], |(_, step)| &step.rivals);
     let remains = found.unlisted_function.is_some() || found.inadequate;
-    let verdict = match found.undecided {
-        true => Verdict::Undecided,
-        false => Verdict::of(found.steps.len(), rivals.len(), remains),
+    let verdict = match Verdict::of(found.steps.len(), rivals.len(), remains) {
+        _ if found.undecided => Verdict::Undecided,
+        Verdict::None if found.hidden_by_friction => Verdict::Undecided,
+        verdict => verdict,
     };
     let fit = Dataset::of(&study.model, Role::Fit);
     let with_deviation = fit.deviations(found.last(), BLOCK);
@@ -382,6 +383,10 @@ fn next_experiment(study: &Study<'_>, verdict: Verdict) -> NextExperiment {
                  a hand that drives the slave",
             )
         }
+        Verdict::Undecided if found.unfinished.is_none() => NextExperiment::new(
+            "Without the slave's position its friction near zero speed is not known well enough.",
+            "the same movements with the slave's encoder (slave_rad)",
+        ),
         Verdict::Undecided => NextExperiment::new(
             "The search was not finished.",
             "nothing new: identify these records again with a larger --limit-s",

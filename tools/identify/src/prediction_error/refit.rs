@@ -16,6 +16,8 @@ use super::validation::above_floor;
 const REFITS: usize = 3;
 /// Decrease of the criterion per row for which another refit is worthwhile.
 const LEAST_REFIT: f64 = 0.01;
+/// Rounds of the last fit of the declared model.
+const DECLARED_FIT_ROUNDS: usize = 4;
 /// A declared parameter whose variation over half its tolerance changes the weighted residual by
 /// less than this share of its rms is not estimated.
 pub(super) const SENSITIVE: f64 = 0.002;
@@ -50,7 +52,7 @@ fn estimable(dataset: &Dataset<'_>, fitted: &Fitted) -> Vec<FreeParameter> {
 }
 
 /// Fits the declared model within its tolerances.
-pub fn fit_base(fit: &Dataset<'_>) -> Option<Fitted> {
+pub fn fit_base((fit, select): (&Dataset<'_>, &Dataset<'_>)) -> Option<Fitted> {
     let model = fit.model;
     let smoothing = model.base.iter().position(|parameter| parameter.name == SMOOTHING);
     let starts = SMOOTHING_STARTS.par_iter().filter_map(|speed| {
@@ -65,7 +67,16 @@ pub fn fit_base(fit: &Dataset<'_>) -> Option<Fitted> {
     let starts: Vec<Fitted> = starts.collect();
     let best = starts.into_iter().min_by(|a, b| a.objective.total_cmp(&b.objective))?;
     // A smaller residual reveals more parameters.
-    fit.fit(&best.setting, &estimable(fit, &best), 6)
+    let now = fit.fit(&best.setting, &estimable(fit, &best), 6)?;
+    if !model.slave_unobserved() {
+        return Some(now);
+    }
+    // No observer holds an unobserved slave to its record: its friction and the line's stiffness
+    // trade off along the whole record, and the first fit often ends in a local minimum.
+    let starts = |_: usize, now: &Setting, _: &[FreeParameter]| {
+        vec![now.clone(), Setting { base: model.declared_with_estimated(now), ..now.clone() }]
+    };
+    Some(fit_repeatedly((fit, select), now, &|fitted| estimable(fit, fitted), &starts))
 }
 
 /// Refits the whole model after an effect was added.
@@ -77,28 +88,61 @@ pub fn refit(
     let model = fit.model;
     let own: Vec<FreeParameter> = winner.fitted.of_effects().cloned().collect();
     let shown = |fitted: &Fitted| [estimable(fit, fitted), own.clone()].concat();
-    let mut parameters = shown(&winner.fitted);
-    let mut now =
+    let parameters = shown(&winner.fitted);
+    let now =
         fit.fit(&winner.fitted.setting, &parameters, 6).unwrap_or_else(|| winner.fitted.clone());
+    let starts = |pass: usize, now: &Setting, parameters: &[FreeParameter]| {
+        // The declared values may lead out of a local minimum.
+        let fresh = Setting { base: model.start().base, ..now.clone() };
+        let mut starts = vec![now.clone(), fresh.clone()];
+        if (of.sizes > 1 || of.multi_start.is_some()) && pass == 0 {
+            // Correlated parameters have several local minima.
+            starts.extend(other_starts(fit, of, [&fresh, now], parameters));
+        }
+        starts
+    };
+    fit_repeatedly((fit, select), now, &shown, &starts)
+}
+
+/// Fits the declared model again, from the declared values and from those of another setting;
+/// `None` where neither lowers the criterion.
+pub fn refit_declared(fit: &Dataset<'_>, base: &Fitted, there: Option<&Setting>) -> Option<Fitted> {
+    let there = there.map(|setting| setting.base.clone());
+    let starts = [there, Some(fit.model.declared_with_estimated(&base.setting))];
+    let again = starts.into_par_iter().flatten().filter_map(|values| {
+        let start = Setting { base: values, ..Setting::default() };
+        fit.fit(&start, &base.parameters, DECLARED_FIT_ROUNDS)
+    });
+    let best = again.min_by(|a, b| a.objective.total_cmp(&b.objective));
+    best.filter(|fitted| fitted.objective < base.objective)
+}
+
+/// Starting points of a refit: from its pass, the present setting and the parameters estimated.
+type Starts<'a> = dyn Fn(usize, &Setting, &[FreeParameter]) -> Vec<Setting> + 'a;
+
+/// Fits again from the starting points that `starts` returns for a pass, the present setting and
+/// the parameters that are `shown`, until the selecting records are at the noise floor or the
+/// criterion no longer falls: a local minimum looks like a missing effect.
+fn fit_repeatedly(
+    (fit, select): (&Dataset<'_>, &Dataset<'_>),
+    mut now: Fitted,
+    shown: &dyn Fn(&Fitted) -> Vec<FreeParameter>,
+    starts: &Starts<'_>,
+) -> Fitted {
+    let mut parameters = now.parameters.clone();
     for pass in 0..REFITS {
         if fit.deadline.has_passed() {
             break;
         }
-        if above_floor(model, &select.records, &now.setting)
+        if above_floor(fit.model, &select.records, &now.setting)
             .is_some_and(|above| above.well_at_floor())
         {
             break;
         }
         // A smaller residual reveals more parameters.
         parameters = shown(&now);
-        // A local minimum looks like a missing effect; the declared values may lead out of it.
-        let fresh = Setting { base: model.start().base, ..now.setting.clone() };
         let before = now.objective;
-        let mut starts = vec![now.setting.clone(), fresh.clone()];
-        if (of.sizes > 1 || of.multi_start.is_some()) && pass == 0 {
-            // Correlated parameters have several local minima.
-            starts.extend(other_starts(fit, of, [&fresh, &now.setting], &parameters));
-        }
+        let starts = starts(pass, &now.setting, &parameters);
         let again = starts.par_iter().filter_map(|start| fit.fit(start, &parameters, 4));
         let again: Vec<Fitted> = again.collect();
         let Some(best) = again.into_iter().min_by(|a, b| a.objective.total_cmp(&b.objective))

@@ -14,10 +14,10 @@ use super::localisation::Localisation;
 use super::nonparametric_search::{NonparametricResult, UnlistedFunction, search_nonparametric};
 use super::record_features::record_features;
 use super::rectified_torque::{rectified_records, restore_signs};
-use super::refit::{fit_base, refit};
+use super::refit::{fit_base, refit, refit_declared};
 use super::selection_round::{FittedCandidate, SelectionRound, winner};
 use super::step_refinement::{holds_with_finer_steps, may_be_step_artefact};
-use super::transmission_model::{Setting, TransmissionModel};
+use super::transmission_model::TransmissionModel;
 use super::validation::{
     LEAST_FIRST, LEAST_GAIN, Validation, above_floor, at_floor, is_bistable, validate,
 };
@@ -26,8 +26,6 @@ use crate::equation_error::block_roles::Role;
 
 /// Gain over an added effect from which another candidate replaces it.
 const REPLACEMENT_GAIN: f64 = 0.03;
-/// Rounds of the last fit of the declared model.
-const DECLARED_FIT_ROUNDS: usize = 4;
 /// Most effects added.
 const MOST_EFFECTS: usize = 3;
 /// Most rounds, including those whose effect was removed again.
@@ -86,6 +84,9 @@ pub struct SearchResult {
     pub localisation: Option<Localisation>,
     /// Whether the error stays so far above the noise floor that no listed effect is adequate.
     pub inadequate: bool,
+    /// Whether the error stays far above the repeatability, but no further than the unknown passage
+    /// of an unobserved slave's friction through zero speed may leave it.
+    pub hidden_by_friction: bool,
     /// What a deadline left unfinished.
     pub unfinished: Option<Unfinished>,
     /// Whether an effect may be missing that the unfinished search did not reach: no effect was
@@ -191,7 +192,8 @@ pub fn search(model: &mut TransmissionModel, deadline: &Deadline) -> Option<Sear
     if !hands.is_empty() {
         let idle = Dataset::of(model, Role::Fit).without(&hands).until(deadline);
         if !idle.records.is_empty() {
-            let base = fit_base(&idle)?;
+            let select = Dataset::of(model, Role::Select).without(&hands).until(deadline);
+            let base = fit_base((&idle, &select))?;
             restore_signs(model, hands, &base.setting)?;
         }
     }
@@ -227,7 +229,7 @@ impl<'a> Search<'a> {
     fn begin(model: &'a TransmissionModel, deadline: &'a Deadline) -> Option<Self> {
         let [fit, select] =
             [Role::Fit, Role::Select].map(|role| Dataset::of(model, role).until(deadline));
-        let base = fit_base(&fit)?;
+        let base = fit_base((&fit, &select))?;
         let now = base.clone();
         let found = SearchResult { base, ..SearchResult::default() };
         Some(Self { fit, select, now, runners_up: Vec::new(), latest: Vec::new(), found })
@@ -420,22 +422,21 @@ impl Search<'_> {
         Some(validate((only.id, only.site), &before?, &after?))
     }
 
-    /// Fits the declared model once more, from where the extended one ended. A local minimum of the
-    /// first fit looks like a missing effect, and an effect may have led out of it: where the
-    /// declared model reaches the noise floor from there, nothing is missing.
+    /// Fits the declared model once more, from where the extended one ended and from the declared
+    /// values: a local minimum of the first fit looks like a missing effect. Where it reaches the
+    /// noise floor, nothing is missing.
     fn refit_declared(&mut self) {
-        if self.found.steps.is_empty() || self.fit.deadline.has_passed() {
+        let (model, select) = (self.fit.model, &self.select);
+        let floor = |fitted: &Fitted| at_floor(model, &select.records, &fitted.setting);
+        let named = !self.found.steps.is_empty();
+        if self.fit.deadline.has_passed() || (!named && floor(&self.found.base)) {
             return;
         }
-        let there = Setting { base: self.now.setting.base.clone(), ..Setting::default() };
-        let parameters = &self.found.base.parameters;
-        let Some(fitted) = self.fit.fit(&there, parameters, DECLARED_FIT_ROUNDS) else { return };
-        if fitted.objective >= self.found.base.objective {
-            return;
-        }
-        let enough = at_floor(self.fit.model, &self.select.records, &fitted.setting);
+        let there = named.then_some(&self.now.setting);
+        let Some(fitted) = refit_declared(&self.fit, &self.found.base, there) else { return };
+        let enough = floor(&fitted);
         self.found.base = fitted;
-        if enough {
+        if enough || !named {
             self.found.give_up_all();
             self.now = self.found.base.clone();
         }
@@ -493,6 +494,7 @@ impl Search<'_> {
             self.found.give_up_all();
         }
         self.found.conclude_early(deadline, Unfinished::Functions, at_floor);
+        self.found.hidden_by_friction = above.is_some_and(|above| above.hidden_by_friction());
         self.found
     }
 }

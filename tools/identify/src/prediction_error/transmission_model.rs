@@ -29,6 +29,11 @@ pub const OBSERVER_RAD_S: f64 = 150.0;
 /// Position gain of the observer as a factor on its bandwidth (twice the damping ratio).
 const OBSERVER_DAMPING: f64 = 1.4;
 
+/// Gain from the master's innovation to the position of a slave that is not observed (1/s). Without
+/// it, a slave that once stopped at a wrong place pulls at the master through the line for the rest
+/// of the record; a higher one hides what the model of the line lacks.
+const UNOBSERVED_SLAVE_PER_S: f64 = 30.0;
+
 /// A parameter of the declared model that a fit may vary.
 #[derive(Clone, Debug)]
 pub struct BaseParameter {
@@ -235,6 +240,20 @@ impl TransmissionModel {
         }
     }
 
+    /// Returns the declared values, with those of a setting for what is only estimated.
+    pub fn declared_with_estimated(&self, setting: &Setting) -> Vec<f64> {
+        let of = |(parameter, now): (&BaseParameter, &f64)| match parameter.declared {
+            Some(_) => parameter.start,
+            None => *now,
+        };
+        self.base.iter().zip(&setting.base).map(of).collect()
+    }
+
+    /// Whether no record has the slave's position.
+    pub fn slave_unobserved(&self) -> bool {
+        self.records.iter().all(|record| record.slave.is_none())
+    }
+
     /// Returns the model as declared, without effects, with defaults for what is not declared.
     pub fn as_declared(&self) -> Setting {
         let of = |parameter: &BaseParameter| {
@@ -358,7 +377,10 @@ impl TransmissionModel {
                 plant.correct(Correction {
                     master_position_rad: on_position * master_off,
                     master_velocity_rad_s: on_speed * master_off,
-                    slave_position_rad: on_position * slave_off,
+                    slave_position_rad: match slave {
+                        Some(_) => on_position * slave_off,
+                        None => UNOBSERVED_SLAVE_PER_S * dt * master_off,
+                    },
                     slave_velocity_rad_s: on_speed * slave_off,
                 });
                 plant.step(Input { motor_v: record.volts[row], hand_torque_nm: hand[row] }, dt);

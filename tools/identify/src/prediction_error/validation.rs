@@ -4,7 +4,7 @@ use plant::effects::{Site, entry};
 
 use super::dataset::Dataset;
 use super::record::{Record, repeats, rms};
-use super::transmission_model::{Channel, Residual, Setting, TransmissionModel};
+use super::transmission_model::{Channel, Residual, SMOOTHING_SHAPE, Setting, TransmissionModel};
 use crate::equation_error::block_roles::Role;
 
 /// Least gain of a second effect on the selecting records: decrease of the logarithm of the rms
@@ -43,6 +43,8 @@ const OTHERS_WELL_AT_FLOOR: f64 = 1.25;
 const INADEQUATE: f64 = 1.6;
 /// The same factor for records of other movements.
 const OTHERS_INADEQUATE: f64 = 5.0;
+/// Change of the friction's smoothing shape that stands for what is not known of it.
+const UNKNOWN_SHAPE: f64 = 0.5;
 /// Differences below this share of the movement's rms are ignored.
 const LEAST_SHARE: f64 = 5e-4;
 
@@ -253,6 +255,9 @@ pub struct AboveFloor {
     pub repeated: f64,
     /// On the given records, whose own floor is not known.
     pub others: f64,
+    /// Both with a floor that includes what the friction's unknown passage through zero speed
+    /// changes, where no record has the slave's position; otherwise as above.
+    beside_friction: [f64; 2],
 }
 
 impl AboveFloor {
@@ -268,7 +273,13 @@ impl AboveFloor {
 
     /// Whether the model is refuted whatever it gained: right ones end nearer to the floor.
     pub fn inadequate(&self) -> bool {
-        self.repeated > INADEQUATE || self.others > OTHERS_INADEQUATE
+        let [repeated, others] = self.beside_friction;
+        repeated > INADEQUATE || others > OTHERS_INADEQUATE
+    }
+
+    /// Whether the model would be refuted if the friction's passage through zero speed were known.
+    pub fn hidden_by_friction(&self) -> bool {
+        !self.inadequate() && (self.repeated > INADEQUATE || self.others > OTHERS_INADEQUATE)
     }
 }
 
@@ -302,17 +313,73 @@ pub fn above_floor(
         };
         floors.iter().map(|(channel, ..)| of(*channel)).collect()
     };
-    let worst = |records: &[usize]| -> f64 {
+    let worst = |records: &[usize], unknown: &[(Channel, f64)]| -> f64 {
         let typical = typical(records);
         let ratios = typical.iter().zip(&floors).filter_map(|((channel, error), (_, _, floor))| {
-            Some(error / floor.as_ref()?.max(least(model, *channel)))
+            let of_friction =
+                unknown.iter().find(|(own, _)| own == channel).map_or(0.0, |own| own.1);
+            Some(error / floor.as_ref()?.max(least(model, *channel)).hypot(of_friction))
         });
         ratios.fold(0.0, f64::max)
     };
-    Some(AboveFloor { repeated: worst(&repeated), others: worst(records) })
+    let both = |unknown: &[(Channel, f64)]| [worst(&repeated, unknown), worst(records, unknown)];
+    let [on_repeated, on_others] = both(&[]);
+    let beside_friction = match model.slave_unobserved() && on_repeated > INADEQUATE {
+        true => both(&changed_by_shape(model, &repeated, (setting, &residuals))),
+        false => [on_repeated, on_others],
+    };
+    Some(AboveFloor { repeated: on_repeated, others: on_others, beside_friction })
+}
+
+/// Returns, per channel, the rms change of the residuals when the shape of the friction's passage
+/// through zero speed changes by [`UNKNOWN_SHAPE`]: friction decides how an unobserved slave
+/// creeps, and creep is not in the model.
+fn changed_by_shape(
+    model: &TransmissionModel,
+    records: &[usize],
+    (setting, residuals): (&Setting, &[Residual]),
+) -> Vec<(Channel, f64)> {
+    let Some(at) = model.base.iter().position(|own| own.name == SMOOTHING_SHAPE) else {
+        return Vec::new();
+    };
+    let mut moved = setting.clone();
+    let (low, high) = (model.base[at].low, model.base[at].high);
+    let up = high - setting.base[at] >= setting.base[at] - low;
+    moved.base[at] += if up { UNKNOWN_SHAPE } else { -UNKNOWN_SHAPE };
+    let Some(changed) = Dataset::whole(model).residuals(&moved) else { return Vec::new() };
+    let rows = |channel: Channel| {
+        let of = |record: &usize| {
+            let of = |residuals: &[Residual]| {
+                model.channel_of(*record, &residuals[*record], channel).cloned()
+            };
+            Some(of(residuals)?.into_iter().zip(of(&changed)?).map(|(a, b)| a - b))
+        };
+        rms(records.iter().filter_map(of).flatten())
+    };
+    [Channel::Master, Channel::Torque].map(|channel| (channel, rows(channel))).to_vec()
 }
 
 /// Whether records are explained down to the noise floor; false if nothing is repeated.
 pub fn at_floor(model: &TransmissionModel, records: &[usize], setting: &Setting) -> bool {
     above_floor(model, records, setting).is_some_and(|above| above.at_floor())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn friction_of_an_unobserved_slave_refutes_no_model() {
+        let above = |repeated: f64, beside_friction: f64| AboveFloor {
+            repeated,
+            others: repeated,
+            beside_friction: [beside_friction; 2],
+        };
+        let judged =
+            |above: AboveFloor| (above.at_floor(), above.hidden_by_friction(), above.inadequate());
+        assert_eq!(judged(above(1.1, 1.1)), (true, false, false));
+        assert_eq!(judged(above(1.5, 1.2)), (false, false, false));
+        assert_eq!(judged(above(2.5, 1.1)), (false, true, false));
+        assert_eq!(judged(above(2.5, 1.7)), (false, false, true));
+    }
 }
