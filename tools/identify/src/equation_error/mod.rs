@@ -6,6 +6,7 @@
 pub mod block_roles;
 pub mod fit;
 mod grid_prescreen;
+mod instrument_noise;
 pub mod model;
 pub mod signals;
 pub mod spline;

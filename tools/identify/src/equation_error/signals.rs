@@ -17,6 +17,11 @@ pub const FINER: usize = 4;
 /// Share of the energy of the output below the edge of the band.
 const BAND_ENERGY: f64 = 0.999;
 
+/// Order of the difference that leaves noise and removes the movement.
+const ORDER: usize = 6;
+/// Its gain for white noise: the root of the sum of its squared coefficients, `C(12, 6)`.
+const GAIN_SQUARED: f64 = 924.0;
+
 /// The low-pass that is applied to all signals of a record.
 #[derive(Clone, Copy, Debug)]
 enum Filter {
@@ -49,6 +54,8 @@ pub struct ForceBalance {
     pub cut_off: f64,
     /// Time between two samples of the record (s).
     pub sampling: f64,
+    /// Standard deviation of the white noise of the position; 0 where it is not known.
+    pub position_noise: f64,
 }
 
 /// The highest cut-off (Hz), and the largest as a share of the sampling frequency.
@@ -75,6 +82,7 @@ impl ForceBalance {
         let cut_off = limit.highest.min(limit.share * sampling);
         let filter = ZeroPhase::new(cut_off, sampling)?;
         let stride = ((sampling / (ROWS_PER_CUT_OFF * cut_off)).floor() as usize).max(1);
+        let position_noise = white_noise(position);
         let position = filter.run(position);
         let (velocity, acceleration) = derivatives(&position, step);
         let time = time.to_vec();
@@ -85,7 +93,7 @@ impl ForceBalance {
             filter: Filter::ZeroPhase(filter),
             stride,
         };
-        Self::of(name, signals, cut_off, step)
+        Some(Self { position_noise, ..Self::of(name, signals, cut_off, step)? })
     }
 
     /// `None` if the signals leave no row.
@@ -97,6 +105,7 @@ impl ForceBalance {
             force,
             cut_off,
             sampling,
+            position_noise: 0.0,
         })
     }
 
@@ -200,4 +209,16 @@ impl Signals {
     pub fn sign(&self, smoothing: f64) -> Vec<f64> {
         self.velocity.iter().map(|v| (v / smoothing).tanh()).collect()
     }
+}
+
+/// Returns the standard deviation of the white noise of a signal: of its sixth differences over
+/// their gain for white noise. Movements below a twentieth of the sampling frequency lose all but a
+/// thousandth.
+pub fn white_noise(signal: &[f64]) -> f64 {
+    let mut left = signal.to_vec();
+    for _ in 0..ORDER {
+        left = left.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    }
+    let squares: f64 = left.iter().map(|value| value * value).sum();
+    (squares / left.len().max(1) as f64 / GAIN_SQUARED).sqrt()
 }

@@ -96,6 +96,7 @@ fn outcome(study: &Study<'_>) -> Outcome {
             .iter()
             .cloned()
             .chain(withdrawal_note(found))
+            .chain(found.adequacy.notes())
             .chain(sampling_delay_notes(study))
             .collect(),
         seconds: 0.0,

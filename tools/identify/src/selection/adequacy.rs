@@ -3,7 +3,6 @@
 use super::candidates::FittedModel;
 use super::predictor::Predictor;
 use crate::equation_error::block_roles::Block;
-use crate::equation_error::model::Fitted;
 
 /// An error below this share of the channel (%) is adequate for any use of the model.
 const SMALL_PERCENT: f64 = 10.0;
@@ -19,19 +18,36 @@ const LARGE_PERCENT: f64 = 30.0;
 /// leaves between them.
 const MOST_CORRELATION: f64 = 0.3;
 
-/// How adequate a model is.
+/// Least share of a squared error that counts as beyond the noise.
+const LEAST_BEYOND: f64 = 1e-6;
+/// Largest share of the squared error that may be noise of the position where the rest is judged:
+/// noise of the acceleration is coloured.
+const MOST_NOISE: f64 = 0.5;
+
+/// Least such share that is told.
+const LEAST_NOTED: f64 = 0.1;
+
+/// How adequate a model is. Moving rows are those in which the machine moves, if dry friction is in
+/// the model, and all rows otherwise: at rest dry friction takes any value below its limit.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Adequacy {
     /// Error in percent of the channel's root mean square, on the selection rows.
     pub selected_percent: f64,
     /// The same on the reporting rows.
     pub reported_percent: f64,
-    /// Squared error as a share of the declared model's, on the selection rows.
+    /// The same on the moving ones of the selection rows.
+    pub selected_moving_percent: f64,
+    /// The same on the moving ones of the reporting rows.
+    pub reported_moving_percent: f64,
+    /// Squared error as a share of the declared model's, on moving selection rows; of both, what
+    /// noise of the position leaves is taken away.
     pub left_selected: f64,
-    /// The same on the reporting rows.
+    /// The same on moving reporting rows.
     pub left_reported: f64,
+    /// Share of the squared error of the moving reporting rows that noise of the position leaves.
+    pub noise_share: f64,
     /// Median over the reporting blocks of the correlation of residuals one period of the cut-off
-    /// apart; 0 for white ones.
+    /// apart, in moving rows; 0 for white ones.
     pub correlation: f64,
 }
 
@@ -43,44 +59,156 @@ impl Adequacy {
         select: &[Block],
         report: &[Block],
     ) -> Self {
-        let share = |blocks: &[Block]| {
-            let [(before, _), (after, size)] =
-                [declared, last].map(|model| predictor.error(&model.fitted, blocks));
-            (100.0 * after / size.max(f64::MIN_POSITIVE), (after / before).powi(2))
+        let moving = |model: &FittedModel<'_>, blocks: &[Block]| -> Vec<Moving> {
+            let of = |block| Moving::of(predictor, (model, last), block);
+            blocks.iter().map(of).collect()
         };
-        let (selected_percent, left_selected) = share(select);
-        let (reported_percent, left_reported) = share(report);
+        let share = |blocks: &[Block]| {
+            let [before, after] = [declared, last].map(|model| {
+                let square = mean_square(&moving(model, blocks));
+                let noise = predictor.noise_square(&model.fitted, blocks);
+                (square, (square - noise).max(LEAST_BEYOND * square).max(f64::MIN_POSITIVE))
+            });
+            let (error, size) = predictor.error(&last.fitted, blocks);
+            let percent = |error: f64| 100.0 * error / size.max(f64::MIN_POSITIVE);
+            let noise_share = 1.0 - after.1 / after.0.max(f64::MIN_POSITIVE);
+            (percent(error), percent(after.0.sqrt()), after.1 / before.1, noise_share)
+        };
+        let (selected_percent, selected_moving_percent, left_selected, _) = share(select);
+        let (reported_percent, reported_moving_percent, left_reported, noise_share) = share(report);
         let mut correlations: Vec<f64> =
-            report.iter().map(|block| correlation(predictor, &last.fitted, block)).collect();
+            moving(last, report).iter().map(|own| own.correlation).collect();
         correlations.sort_by(f64::total_cmp);
         let correlation = correlations.get(correlations.len() / 2).copied().unwrap_or(0.0);
-        Self { selected_percent, reported_percent, left_selected, left_reported, correlation }
+        Self {
+            selected_percent,
+            reported_percent,
+            selected_moving_percent,
+            reported_moving_percent,
+            left_selected,
+            left_reported,
+            noise_share,
+            correlation,
+        }
     }
 
     /// Whether the effects leave most of a large error.
     pub(super) fn leaves_most(&self) -> bool {
-        let most_left_reported = match self.reported_percent > LARGE_PERCENT {
+        let most_left_reported = match self.reported_moving_percent > LARGE_PERCENT {
             true => MOST_LEFT_SELECTED,
             false => MOST_LEFT_REPORTED,
         };
-        self.selected_percent.max(self.reported_percent) > SMALL_PERCENT
+        self.selected_moving_percent.max(self.reported_moving_percent) > SMALL_PERCENT
             && (self.left_selected > MOST_LEFT_SELECTED || self.left_reported > most_left_reported)
+    }
+
+    /// What is known of a large error that is left: noise of the position, or dry friction at rest.
+    pub fn notes(&self) -> Vec<String> {
+        let mut notes = Vec::new();
+        if self.reported_percent <= SMALL_PERCENT {
+            return notes;
+        }
+        if self.noise_share >= LEAST_NOTED {
+            notes.push(format!(
+                "noise of the measured position leaves {:.0} % of the squared error on the \
+                 reporting rows: it passes through the mass and the damping",
+                100.0 * self.noise_share
+            ));
+        }
+        if self.reported_moving_percent <= SMALL_PERCENT {
+            notes.push(format!(
+                "in the reporting rows in which the machine moves the error is {:.1} %; at rest \
+                 dry friction takes any value below its limit, and no model tells which",
+                self.reported_moving_percent
+            ));
+        }
+        notes
     }
 
     /// Whether a large error is left that is not noise.
     pub(super) fn is_coloured(&self) -> bool {
-        self.reported_percent > SMALL_PERCENT && self.correlation > MOST_CORRELATION
+        self.reported_moving_percent > SMALL_PERCENT
+            && self.correlation > MOST_CORRELATION
+            && self.noise_share < MOST_NOISE
     }
 }
 
-/// Correlation of a block's residuals one period of the cut-off apart.
-fn correlation(predictor: &Predictor<'_>, fitted: &Fitted, block: &Block) -> f64 {
-    let residual = predictor.residual(fitted, block);
-    let balance = &predictor.regression().balances[block.record];
-    let lag = (1.0 / balance.cut_off / balance.row_step()).ceil() as usize;
-    // Without the block's own mean: an error that is constant over a block is no noise.
-    let product = |lag: usize| -> f64 {
-        residual.iter().zip(residual.iter().skip(lag)).map(|(a, b)| a * b).sum()
-    };
-    product(lag) / product(0).max(f64::MIN_POSITIVE)
+/// The residual of a block in its moving rows.
+struct Moving {
+    /// Number of the rows.
+    rows: usize,
+    /// Sum of squares.
+    square: f64,
+    /// Correlation of residuals one period of the cut-off apart.
+    correlation: f64,
+}
+
+impl Moving {
+    /// Of a model; whether dry friction is in the model, the last one tells.
+    fn of(
+        predictor: &Predictor<'_>,
+        (model, last): (&FittedModel<'_>, &FittedModel<'_>),
+        block: &Block,
+    ) -> Self {
+        let mut residual = predictor.residual(&model.fitted, block);
+        let mut rows = residual.len();
+        if let Some(at_rest) = predictor.at_rest(&last.structure, block) {
+            for (row, _) in at_rest.iter().enumerate().filter(|(_, at_rest)| **at_rest) {
+                residual[row] = 0.0;
+                rows -= 1;
+            }
+        }
+        let balance = &predictor.regression().balances[block.record];
+        let lag = (1.0 / balance.cut_off / balance.row_step()).ceil() as usize;
+        // Without the block's own mean: an error that is constant over a block is no noise.
+        let product = |lag: usize| -> f64 {
+            residual.iter().zip(residual.iter().skip(lag)).map(|(a, b)| a * b).sum()
+        };
+        let square = product(0);
+        Self { rows, square, correlation: product(lag) / square.max(f64::MIN_POSITIVE) }
+    }
+}
+
+/// Mean square over the moving rows of some blocks; 0 where none moves.
+fn mean_square(blocks: &[Moving]) -> f64 {
+    let rows: usize = blocks.iter().map(|own| own.rows).sum();
+    blocks.iter().map(|own| own.square).sum::<f64>() / rows.max(1) as f64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_error_of_the_instruments_or_at_rest_refutes_nothing() {
+        let coloured = Adequacy {
+            reported_percent: 17.0,
+            reported_moving_percent: 17.0,
+            noise_share: 0.4,
+            correlation: 0.5,
+            ..Adequacy::default()
+        };
+        assert!(coloured.is_coloured());
+        assert!(!Adequacy { noise_share: 0.6, ..coloured }.is_coloured());
+        let at_rest = Adequacy { reported_moving_percent: 3.0, noise_share: 0.0, ..coloured };
+        assert!(!at_rest.is_coloured());
+        assert_eq!((coloured.notes().len(), at_rest.notes().len()), (1, 1));
+        assert!(at_rest.notes()[0].contains("moves the error is 3.0 %"), "{:?}", at_rest.notes());
+    }
+
+    #[test]
+    fn effects_are_judged_by_what_they_leave_while_the_machine_moves() {
+        let leaves = |reported_moving_percent: f64, left_reported: f64| {
+            let left_selected = 0.3;
+            Adequacy {
+                reported_moving_percent,
+                left_selected,
+                left_reported,
+                ..Adequacy::default()
+            }
+            .leaves_most()
+        };
+        assert!(leaves(20.0, 0.95) && !leaves(20.0, 0.6));
+        assert!(leaves(40.0, 0.6) && !leaves(5.0, 0.95));
+    }
 }

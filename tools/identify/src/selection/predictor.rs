@@ -72,6 +72,26 @@ impl Predictor<'_> {
         ((e / n.max(1) as f64).sqrt(), (y / n.max(1) as f64).sqrt())
     }
 
+    /// Mean square of the error that noise of the measured position leaves, over some blocks; 0
+    /// where the output is simulated.
+    pub fn noise_square(&self, fitted: &Fitted, blocks: &[Block]) -> f64 {
+        match self {
+            Self::EquationError(regression) => regression.noise_square(fitted, blocks),
+            Self::OutputError(_) => 0.0,
+        }
+    }
+
+    /// Whether the machine stands still, by row; `None` where that does not matter: without dry
+    /// friction, and where the output is simulated.
+    pub fn at_rest(&self, structure: &Structure<'_>, block: &Block) -> Option<Vec<bool>> {
+        match self {
+            Self::EquationError(regression) if regression.uses_sign(structure) => {
+                Some(regression.at_rest(block))
+            }
+            _ => None,
+        }
+    }
+
     /// Fits a structure to blocks, starting from a fit. The terms with the indices `without` stay
     /// at 0, where the output is simulated.
     pub fn refit(
