@@ -104,6 +104,18 @@ fn nothing_is_found_where_nothing_is_missing() {
 }
 
 #[test]
+fn beside_dry_friction_of_another_smoothing_the_spring_alone_is_named() {
+    let mut model = declared();
+    model.parameters.push(parameter("coulomb_friction_v", 0.007, 0.5, None));
+    let friction = |v: f64| 0.006 * std::f64::consts::FRAC_2_PI * (v / 0.8).atan();
+    for seed in [11, 12] {
+        let record = record(seed, &|u| u, &|_, y, v| 4.0 * y.powi(3) + friction(v));
+        let outcome = run(&model, &[record]).unwrap();
+        only(&outcome, "nonlinear_stiffness");
+    }
+}
+
+#[test]
 fn a_cubic_and_a_quadratic_spring_are_measured() {
     let outcome = identify(11, &|_, y, _| 4.0 * y.powi(3) + 0.2 * y * y);
     only(&outcome, "nonlinear_stiffness");

@@ -333,16 +333,20 @@ impl RegressionModel {
         )
     }
 
-    /// The time shift (s) of the last effect, if it is one that sampling and zero-order hold may
-    /// cause.
-    pub fn sampling_delay(&self, structure: &Structure<'_>, fitted: &Fitted) -> Option<f64> {
+    /// The time shift (s) of the last effect, if that does nothing else.
+    pub fn time_shift(&self, structure: &Structure<'_>, fitted: &Fitted) -> Option<f64> {
         let effect = *structure.effects.last()?;
         let amplitudes = fitted.fit.coefficients.as_slice();
         let own = &amplitudes[amplitudes.len() - self.terms_of(effect).len()..];
         let place = self.places(structure).pop()?;
-        let sampling = self.balances.iter().map(|b| b.sampling).fold(0.0, f64::max);
         (effect.declaration().shift)(own, &fitted.shapes[place])
-            .filter(|shift| shift.abs() < HELD * sampling)
+    }
+
+    /// The time shift (s) of the last effect, if it is one that sampling and zero-order hold may
+    /// cause.
+    pub fn sampling_delay(&self, structure: &Structure<'_>, fitted: &Fitted) -> Option<f64> {
+        let sampling = self.balances.iter().map(|b| b.sampling).fold(0.0, f64::max);
+        self.time_shift(structure, fitted).filter(|shift| shift.abs() < HELD * sampling)
     }
 
     /// Whether a shape of the last effect ended at an end of its range: beyond it the effect is

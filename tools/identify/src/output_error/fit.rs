@@ -135,9 +135,7 @@ impl<'a> Problem<'a> {
                 (i, if size > 0.0 && size.is_finite() { size } else { 1.0 })
             })
             .collect();
-        // The smoothing speed stays as found by the equation-error method: the output is hardly
-        // sensitive to it.
-        let free_shapes: Vec<usize> = (1..shapes.len()).filter(|i| shapes[*i].points > 1).collect();
+        let free_shapes: Vec<usize> = (0..shapes.len()).filter(|i| shapes[*i].points > 1).collect();
         let moved = DVector::zeros(amplitudes.len() + free_shapes.len());
         let mut problem = Self {
             simulation,

@@ -423,12 +423,11 @@ impl Search<'_> {
     }
 
     /// Fits the declared model once more, from where the extended one ended and from the declared
-    /// values: a local minimum of the first fit looks like a missing effect. Where it reaches the
-    /// noise floor, nothing is missing.
+    /// values. Where it reaches the noise floor and the effects no longer pass, nothing is missing.
     fn refit_declared(&mut self) {
-        let (model, select) = (self.fit.model, &self.select);
-        let floor = |fitted: &Fitted| at_floor(model, &select.records, &fitted.setting);
         let named = !self.found.steps.is_empty();
+        let (model, records) = (self.fit.model, &self.select.records);
+        let floor = |fitted: &Fitted| at_floor(model, records, &fitted.setting);
         if self.fit.deadline.has_passed() || (!named && floor(&self.found.base)) {
             return;
         }
@@ -436,7 +435,8 @@ impl Search<'_> {
         let Some(fitted) = refit_declared(&self.fit, &self.found.base, there) else { return };
         let enough = floor(&fitted);
         self.found.base = fitted;
-        if enough || !named {
+        // Effects of few rows pass though the whole error is at the floor without them.
+        if !named || (enough && self.beside_declared().is_some_and(|beside| !beside.accepted)) {
             self.found.give_up_all();
             self.now = self.found.base.clone();
         }

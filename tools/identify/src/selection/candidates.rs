@@ -7,6 +7,9 @@ use crate::equation_error::model::{Column, Fitted, RegressionModel, Structure};
 /// A rival is as good as the winner when its gain (in log error) is at least this share of the
 /// winner's.
 const RIVAL: f64 = 0.9;
+/// The same for two effects that shift the force in time: below the cut-off a lag and a dead time
+/// differ little, and the half sampling period of the zero-order hold favours the dead time.
+const TIME_SHIFT_RIVAL: f64 = 0.8;
 
 /// An effect at a site.
 #[derive(Clone, Copy)]
@@ -140,14 +143,92 @@ pub fn equally_good(
     best: usize,
 ) -> Vec<SitedEffect> {
     let winner = &tried[best];
+    let shifts = |tried: &FittedCandidate<'_>| {
+        regression.time_shift(&tried.model.structure, &tried.model.fitted).is_some()
+    };
+    let least = |tried: &FittedCandidate<'_>| match shifts(tried) && shifts(winner) {
+        true => TIME_SHIFT_RIVAL,
+        false => RIVAL,
+    };
     let nested = |a: &SitedEffect, b: &SitedEffect| a.effect.refines == Some(b.effect.id);
     tried
         .iter()
         .enumerate()
         .filter(|(i, t)| *i != best && t.validation.accepted)
         .filter(|(_, t)| !nested(&t.sited, &winner.sited) && !nested(&winner.sited, &t.sited))
-        .filter(|(_, t)| t.log_gain() >= RIVAL * winner.log_gain())
+        .filter(|(_, t)| t.log_gain() >= least(t) * winner.log_gain())
         .filter(|(_, t)| freedom(regression, &t.sited) <= freedom(regression, &winner.sited))
         .map(|(_, t)| t.sited)
         .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::DVector;
+
+    use super::*;
+    use crate::effects::{Axis, Units};
+    use crate::regression::Fit;
+
+    const AXIS: Axis = Axis {
+        units: Units::LINEAR,
+        rotary: false,
+        turn: None,
+        spring: false,
+        commanded: true,
+        positions: (0.0, 1.0),
+        velocity_rms: 1.0,
+        velocity_peak: 1.0,
+        force_rms: 1.0,
+        force_peak: 1.0,
+        seconds: 1.0,
+        cut_off: 40.0,
+    };
+
+    /// A candidate that passed, with one amplitude for each term and its share of the log gain of a
+    /// winner that halves the error.
+    fn passed(id: &str, share: f64) -> FittedCandidate<'static> {
+        let effect = find(id).unwrap();
+        let (terms, shapes) = ((effect.terms)(&AXIS).len(), (effect.shapes)(&AXIS).len());
+        let fit = Fit {
+            coefficients: DVector::from_element(terms, 0.003),
+            at_bound: vec![false; terms],
+            squares: 1.0,
+        };
+        let fitted = Fitted {
+            fit,
+            std: vec![0.0; terms],
+            shapes: vec![0.003; 1 + shapes],
+            columns: Vec::new(),
+            outputs: Vec::new(),
+        };
+        let structure = Structure { effects: vec![effect], ..Structure::default() };
+        let mut validation = validate(effect.id, &[1.0; 9], &[0.1; 9]);
+        validation.gain_percent = 100.0 * (1.0 - 0.5f64.powf(share));
+        FittedCandidate {
+            sited: SitedEffect { effect, site: effect.sites[0] },
+            validation,
+            model: FittedModel { structure, fitted, equation_error_fit: None },
+            block_errors: Vec::new(),
+            screened_only: false,
+        }
+    }
+
+    #[test]
+    fn a_lag_and_a_dead_time_are_rivals_at_a_lower_share_than_others() {
+        let regression = RegressionModel {
+            balances: Vec::new(),
+            parameters: Vec::new(),
+            axis: AXIS,
+            sites: &["master"],
+        };
+        let rivals = |winner: &str, other: &str, share: f64| {
+            let tried = [passed(winner, 1.0), passed(other, share)];
+            equally_good(&regression, &tried, 0).len()
+        };
+        assert_eq!(rivals("transport_delay", "amplifier_lag", 0.85), 1);
+        assert_eq!(rivals("transport_delay", "amplifier_lag", 0.75), 0);
+        assert_eq!(rivals("transport_delay", "viscous_friction", 0.85), 0);
+        assert_eq!(rivals("transport_delay", "viscous_friction", 0.95), 1);
+    }
 }

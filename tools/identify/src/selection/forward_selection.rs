@@ -158,7 +158,8 @@ impl Search<'_> {
                 return None;
             }
             let FittedModel { structure, fitted: equation_error_fit, .. } = candidate.model.clone();
-            let start = starting_point(&equation_error_fit, &current.fitted);
+            let smoothed = simulation.regression.uses_sign(&current.structure);
+            let start = starting_point(&equation_error_fit, &current.fitted, smoothed);
             let fitted = simulation.fit(&structure, &self.fit, &start, &[])?;
             let block_errors = self.predictor.mean_squares(&fitted, &self.select);
             let mut validation = validate(candidate.validation.id, &before, &block_errors);
@@ -264,13 +265,19 @@ fn best_first(tried: &mut [FittedCandidate<'_>]) {
     tried.sort_by(|a, b| b.validation.gain_percent.total_cmp(&a.validation.gain_percent));
 }
 
-/// Starts known parameters at the simulated model's values, new ones at the screening's.
-pub(super) fn starting_point(equation_error_fit: &Fitted, known: &Fitted) -> Fitted {
+/// Starts known parameters at the simulated model's values, new ones at the screening's: among
+/// these the smoothing speed, unless the simulated model is `smoothed`.
+pub(super) fn starting_point(
+    equation_error_fit: &Fitted,
+    known: &Fitted,
+    smoothed: bool,
+) -> Fitted {
     let mut start = equation_error_fit.clone();
     for (to, from) in start.fit.coefficients.iter_mut().zip(known.fit.coefficients.iter()) {
         *to = *from;
     }
-    start.shapes[1..known.shapes.len()].copy_from_slice(&known.shapes[1..]);
+    let from = usize::from(!smoothed);
+    start.shapes[from..known.shapes.len()].copy_from_slice(&known.shapes[from..]);
     start
 }
 

@@ -104,7 +104,8 @@ impl Search<'_> {
         let Predictor::OutputError(simulation) = self.predictor else { return Some(screened) };
         let Validation { t, gain_percent, .. } = screened.validation;
         let shows = t >= LEAST_T && gain_percent > LEAST_NONPARAMETRIC_PERCENT;
-        let start = starting_point(&fitted, &current.fitted);
+        let smoothed = regression.uses_sign(&current.structure);
+        let start = starting_point(&fitted, &current.fitted, smoothed);
         let simulate = || simulation.fit(&wider, &self.fit, &start, &[]);
         let simulated = (shows && spline.is_force()).then(simulate).flatten();
         let Some(fitted) = simulated else {
