@@ -22,6 +22,7 @@
 
 pub mod case;
 pub mod case_plan;
+pub mod coverage;
 pub mod detectability;
 pub mod deviation;
 pub mod effective_size;

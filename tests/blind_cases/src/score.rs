@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 
 use crate::case::{Set, Truth};
+use crate::coverage::{Fitted, normalised_errors};
 use crate::effective_size;
 use crate::effects::{Effect, Variable};
 use crate::machine_parameters::MachineParameters;
@@ -50,16 +51,6 @@ pub struct Parameter {
     pub name: String,
     /// Value.
     pub value: Option<f64>,
-}
-
-/// A declared parameter.
-#[derive(Clone, Debug, Default, Deserialize)]
-#[serde(default)]
-pub struct Fitted {
-    /// Name.
-    pub name: String,
-    /// Fitted value.
-    pub fitted: Option<f64>,
 }
 
 /// An unlisted effect.
@@ -172,6 +163,10 @@ pub struct Score {
     pub size_errors: Vec<f64>,
     /// Relative error of the first parameter of each effect that was found rightly.
     pub raw_size_errors: Vec<f64>,
+    /// Errors of identified declared parameters over their stated standard deviations
+    /// ([`crate::coverage`]).
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub normalised_errors: Vec<f64>,
     /// Wall time of identify, s.
     pub seconds: f64,
     /// Records of the case.
@@ -285,11 +280,19 @@ fn judge(truth: &Facts<'_>, answer: Option<&Answer>, run: &Run) -> Score {
             size_error(truth.machine?, effect, found, said)
         })
         .collect();
+    let names_are_right = answer.is_some()
+        && said.unlisted.is_none()
+        && hits == truth.effects.len()
+        && names.len() == hits;
+    // With other effects, declared parameters stand in for those that were there.
+    let machine = truth.machine.filter(|_| names_are_right);
+    let normalised_errors = machine.map(|machine| normalised_errors(machine, &said.parameters));
     Score {
         set: truth.set,
         index: truth.index,
         detectable: truth.detectable,
         gain: truth.gain,
+        normalised_errors: normalised_errors.unwrap_or_default(),
         end: run.end,
         code: run.code,
         message: run.message.clone(),

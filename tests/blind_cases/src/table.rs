@@ -151,8 +151,25 @@ pub fn table(scores: &[Score]) -> Table {
     }
     let (listed, pairs) = (seen(Set::Listed), seen(Set::Pairs));
     accuracy(&mut rows, &listed);
+    let stated: Vec<&Score> = all(Set::Clean).into_iter().chain(listed.iter().copied()).collect();
+    if stated.iter().any(|score| !score.normalised_errors.is_empty()) {
+        for (what, bar, deviations) in [
+            ("parameters within one stated deviation", "68 %", 1.0),
+            ("parameters within 1.96 stated deviations", "95 %", 1.96),
+        ] {
+            let share = within(&stated, deviations);
+            let row = Row::number("listed", what, bar, None, share.to_string());
+            rows.push(Row { set: "clean, listed", share: Some(share), ..row });
+        }
+    }
     sizes_and_times(&mut rows, &listed, &pairs);
     Table { rows, by_effect: by_effect(scores) }
+}
+
+/// The share of the normalised errors of all scores that are at most so many stated deviations.
+fn within(scores: &[&Score], deviations: f64) -> Share {
+    let all = scores.iter().flat_map(|score| &score.normalised_errors);
+    Share::new(all.clone().filter(|error| error.abs() <= deviations).count(), all.count())
 }
 
 /// Quantity, requirement and share of a row.

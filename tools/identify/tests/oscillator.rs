@@ -111,7 +111,8 @@ fn beside_dry_friction_of_another_smoothing_the_spring_alone_is_named() {
     for seed in [11, 12] {
         let record = record(seed, &|u| u, &|_, y, v| 4.0 * y.powi(3) + friction(v));
         let outcome = run(&model, &[record]).unwrap();
-        only(&outcome, "nonlinear_stiffness");
+        // An arctangent is no hyperbolic tangent: 0.4 mV remain of 8.
+        one_channel::only(&outcome, "nonlinear_stiffness", ("output", 5e-4));
     }
 }
 

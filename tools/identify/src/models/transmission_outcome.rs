@@ -31,6 +31,10 @@ use crate::prediction_error::validation::{BLOCK, Validation, errors};
 const PROPOSED_EARLY: &str = "the time limit (--limit-s) passed before every movement of \
                               --propose-experiment was simulated";
 
+/// A parameter is identified if its standard deviation is below this share of the width of its
+/// tolerance: half of what a truth anywhere within the tolerance has (1/√12).
+const IDENTIFIED: f64 = 0.144;
+
 /// Returns the outcome and its page; `None` if the last model cannot be simulated. With a
 /// `capability`, the next experiment is designed by simulation.
 pub(super) fn conclude(
@@ -267,8 +271,9 @@ fn parameters(study: &Study<'_>, with_deviation: &[(FreeParameter, f64)]) -> Vec
             let is_at_bound = parameter.declared.is_some()
                 && free.normalised(model, &last.setting).abs() > AT_BOUND;
             let identifiable = !is_at_bound
-                && deviation
-                    .is_some_and(|deviation| deviation < 0.5 * (parameter.high - parameter.low));
+                && deviation.is_some_and(|deviation| {
+                    deviation < IDENTIFIED * (parameter.high - parameter.low)
+                });
             let (identifiability, trades_with) = match seen {
                 _ if is_at_bound => (Identifiability::AtBound, None),
                 _ if identifiable => (Identifiability::Identified, None),

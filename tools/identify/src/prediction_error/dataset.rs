@@ -14,7 +14,7 @@ use crate::equation_error::block_roles::Role;
 
 /// Weight of the prior at the edge of the tolerance (standard deviations). Neighbouring residual
 /// rows are correlated: some tens of them carry as much information as one independent row.
-const PRIOR_WEIGHT: f64 = 5.0;
+pub(super) const PRIOR_WEIGHT: f64 = 5.0;
 
 /// A model and the records on which it is evaluated.
 #[derive(Clone, Debug)]

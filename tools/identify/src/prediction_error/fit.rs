@@ -16,8 +16,6 @@ use super::free_parameter::FreeParameter;
 use super::known_columns::KnownColumns;
 use super::transmission_model::Setting;
 
-/// A root-mean-square sensitivity of the weighted residual below this counts as zero.
-const INSENSITIVE: f64 = 1e-6;
 /// Number of starting points that are continued after a brief fit.
 const LEADING: usize = 3;
 
@@ -113,51 +111,5 @@ impl Dataset<'_> {
         let brief = |start: &Setting| self.fit_beginning_with(start, parameters, rounds, columns);
         let begun = starts.par_iter().filter(|_| !self.deadline.has_passed());
         foremost(begun.filter_map(brief).collect())
-    }
-
-    /// Returns the standard deviation of each parameter's value from the sandwich covariance with
-    /// scores summed over blocks of correlated rows; infinite where the parameter is not
-    /// identifiable.
-    pub fn deviations(&self, fitted: &Fitted, block: usize) -> Vec<(FreeParameter, f64)> {
-        let parameters = &fitted.parameters;
-        let weights = Self::weights(&fitted.residuals);
-        let jacobian = self.jacobian(fitted, parameters, &weights);
-        let rows = Self::stack(&fitted.residuals, &weights);
-        let normal = jacobian.tr_mul(&jacobian);
-        let unseen = INSENSITIVE * INSENSITIVE * jacobian.nrows() as f64;
-        let seen: Vec<bool> = normal.diagonal().iter().map(|entry| *entry > unseen).collect();
-        let ridge = DMatrix::from_diagonal(&normal.diagonal().map(|entry| 1e-9 * entry + 1e-12));
-        let Some(factors) = (normal + ridge).cholesky() else {
-            return parameters.iter().map(|own| (own.clone(), f64::INFINITY)).collect();
-        };
-        let inverse = factors.inverse();
-        let mut spread = DMatrix::zeros(parameters.len(), parameters.len());
-        let mut from = 0;
-        for channel in fitted.residuals.iter().flat_map(|residual| &residual.channels) {
-            for at in (0..channel.len()).step_by(block.max(1)) {
-                let count = block.min(channel.len() - at);
-                let part =
-                    jacobian.rows(from + at, count).transpose() * rows.rows(from + at, count);
-                spread += &part * part.transpose();
-            }
-            from += channel.len();
-        }
-        let covariance = &inverse * spread * &inverse;
-        let by_value = |(index, parameter): (usize, &FreeParameter)| {
-            // From the unbounded variable to the value.
-            let mut moved = fitted.setting.clone();
-            let (open, aside) =
-                (parameter.unbounded(self.model, &moved), parameter.perturbed(self.model, &moved));
-            let before = parameter.value(&moved);
-            parameter.set_unbounded(self.model, &mut moved, aside);
-            let slope = (parameter.value(&moved) - before) / (aside - open);
-            // A parameter to which few blocks are sensitive has no spread among them; the
-            // independent-rows variance is then the lower bound.
-            let variance = covariance[(index, index)].max(inverse[(index, index)]);
-            let known =
-                if seen[index] { variance.max(0.0).sqrt() * slope.abs() } else { f64::INFINITY };
-            (parameter.clone(), known)
-        };
-        parameters.iter().enumerate().map(by_value).collect()
     }
 }

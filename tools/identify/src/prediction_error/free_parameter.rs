@@ -10,7 +10,7 @@ use super::transmission_model::{Setting, TransmissionModel};
 
 /// Largest normalised value that a fit reaches (1 is the bound): beyond it the slope of `sin(u)`
 /// vanishes.
-const BOUND_MARGIN: f64 = 0.995;
+pub(super) const BOUND_MARGIN: f64 = 0.995;
 /// A normalised value beyond this counts as at its bound.
 pub const AT_BOUND: f64 = 0.97;
 /// Finite-difference perturbation, normalised: a smaller one would resolve single stick-slip

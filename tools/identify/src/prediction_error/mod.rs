@@ -38,6 +38,7 @@
 
 pub mod backward_elimination;
 pub mod candidates;
+mod covariance;
 pub mod dataset;
 pub mod fit;
 mod fit_problem;

@@ -30,8 +30,7 @@ const REPLACEMENT_GAIN: f64 = 0.03;
 const MOST_EFFECTS: usize = 3;
 /// Most rounds, including those whose effect was removed again.
 const MOST_ROUNDS: usize = 5;
-/// Least share of the best gain of a round from which another candidate is tried in place of the
-/// effects added.
+/// Least share of a round's best gain from which another candidate is tried in its place.
 const RIVAL_GAIN_SHARE: f64 = 0.25;
 /// Share of a model's gain that the same model with an equivalent effect must reach.
 const EQUIVALENT_GAIN_SHARE: f64 = 0.75;
@@ -435,8 +434,9 @@ impl Search<'_> {
         let Some(fitted) = refit_declared(&self.fit, &self.found.base, there) else { return };
         let enough = floor(&fitted);
         self.found.base = fitted;
-        // Effects of few rows pass though the whole error is at the floor without them.
-        if !named || (enough && self.beside_declared().is_some_and(|beside| !beside.accepted)) {
+        // Effects of few rows pass at the floor; of an unobserved slave some imitate its creep.
+        let fails = |beside: Validation| model.slave_unobserved() || !beside.accepted;
+        if !named || (enough && self.beside_declared().is_some_and(fails)) {
             self.found.give_up_all();
             self.now = self.found.base.clone();
         }
