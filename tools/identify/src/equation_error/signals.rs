@@ -19,7 +19,7 @@ const BAND_ENERGY: f64 = 0.999;
 
 /// Order of the difference that leaves noise and removes the movement.
 const ORDER: usize = 6;
-/// Its gain for white noise: the root of the sum of its squared coefficients, `C(12, 6)`.
+/// Its squared gain for white noise: the sum of its squared coefficients, `C(12, 6)`.
 const GAIN_SQUARED: f64 = 924.0;
 
 /// The low-pass that is applied to all signals of a record.

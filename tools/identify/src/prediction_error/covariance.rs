@@ -231,14 +231,15 @@ fn covariance(
     let normal = of.tr_mul(of);
     let ridge = DMatrix::from_diagonal(&normal.diagonal().map(|entry| 1e-9 * entry + 1e-12));
     let inverse = (&normal + weight(2) + ridge).cholesky()?.inverse();
-    let mut spread = weight(4) * UNIFORM;
+    let of_prior = weight(4) * UNIFORM;
+    let mut spread = of_prior.clone();
     for score in scores {
         spread.ger(1.0, score, score, 1.0);
     }
     // A parameter to which few blocks are sensitive has no spread among them; that of independent
     // rows is then the lower bound.
     for at in 0..prior.len() {
-        let least = normal[(at, at)] + weight(4)[(at, at)] * UNIFORM;
+        let least = normal[(at, at)] + of_prior[(at, at)];
         spread[(at, at)] = spread[(at, at)].max(least);
     }
     let coupling = of.tr_mul(given);

@@ -163,14 +163,15 @@ pub fn equally_good(
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use nalgebra::DVector;
 
     use super::*;
     use crate::effects::{Axis, Units};
     use crate::regression::Fit;
 
-    const AXIS: Axis = Axis {
+    /// An axis of a test.
+    pub(in crate::selection) const AXIS: Axis = Axis {
         units: Units::LINEAR,
         rotary: false,
         turn: None,

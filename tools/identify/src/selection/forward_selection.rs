@@ -285,9 +285,9 @@ pub(super) fn starting_point(
 mod tests {
     use nalgebra::DVector;
 
+    use super::super::candidates::tests::AXIS;
     use super::*;
     use crate::deadline::NEVER;
-    use crate::effects::Units;
     use crate::equation_error::model::{RegressionModel, Structure};
     use crate::regression::Fit;
 
@@ -303,24 +303,10 @@ mod tests {
     #[test]
     #[should_panic(expected = "a defect of an effect")]
     fn a_panic_of_a_candidate_is_propagated() {
-        let axis = Axis {
-            units: Units::LINEAR,
-            rotary: false,
-            turn: None,
-            spring: false,
-            commanded: true,
-            positions: (0.0, 1.0),
-            velocity_rms: 1.0,
-            velocity_peak: 1.0,
-            force_rms: 1.0,
-            force_peak: 1.0,
-            seconds: 1.0,
-            cut_off: 40.0,
-        };
         let regression = RegressionModel {
             balances: Vec::new(),
             parameters: Vec::new(),
-            axis,
+            axis: AXIS,
             sites: &["master"],
         };
         let fit = Fit { coefficients: DVector::zeros(0), at_bound: Vec::new(), squares: 0.0 };
