@@ -218,16 +218,21 @@ pub struct UnlistedTable {
     /// For transmissions, where it acts. For other kinds, which do not tell, the first of the sites
     /// of their effects.
     pub site: String,
-    /// The variable; [`UNKNOWN`] if no function of one variable explains enough of it
-    /// (transmissions only).
+    /// The variable; [`UNKNOWN`] if neither a function of one variable nor a regression on recorded
+    /// signals explains enough of it (transmissions only).
     pub depends_on: String,
     /// Abscissa, value, standard deviation (`null` where there are no data); empty without a
     /// function.
     pub table: Vec<[f64; 3]>,
     /// What the function looks like, in words that complete "it is ..."; left out where it looks
-    /// like nothing simple, and for transmissions.
+    /// like nothing simple. For transmissions, how it depends on the variable where no function of
+    /// one variable explains enough, but a regression on recorded signals does.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub resembles: Option<String>,
+    /// Share of the squared residual on the selecting records that such a regression explains;
+    /// left out without one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub regression_share: Option<f64>,
     /// Share of the residual power that no torque at a place explains, place by place. Left out
     /// beside a listed effect, if no movement is repeated or the slave is not measured, and for
     /// drives, oscillators and elements.
@@ -235,11 +240,11 @@ pub struct UnlistedTable {
     pub unexplained: Vec<Unexplained>,
 }
 
-/// Value of [`UnlistedTable::depends_on`] if no function of one variable explains enough.
+/// Value of [`UnlistedTable::depends_on`] if nothing explains enough.
 pub const UNKNOWN: &str = "unknown";
 
 impl UnlistedTable {
-    /// The variable, if it is a function of one.
+    /// The variable, if it is known.
     pub fn variable(&self) -> Option<&str> {
         Some(self.depends_on.as_str()).filter(|variable| *variable != UNKNOWN)
     }

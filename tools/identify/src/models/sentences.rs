@@ -6,7 +6,7 @@ use report::Tone;
 use super::bootstrap;
 use super::effect_descriptions::{other_instrument, words};
 use crate::effects::find;
-use crate::outcome::{AtBounds, Named, Outcome, UnlistedTable, Unsettled, Verdict};
+use crate::outcome::{AtBounds, Named, Outcome, UNKNOWN, UnlistedTable, Unsettled, Verdict};
 use crate::outcome_tables::short;
 
 /// What is said of an answer that the time limit forced.
@@ -151,6 +151,12 @@ fn verdict(outcome: &Outcome, located: bool) -> (Tone, String) {
         ),
         Verdict::Unlisted => {
             let of = |unlisted: &UnlistedTable| match (unlisted.variable(), located) {
+                (Some(_), true) if let Some(share) = unlisted.regression_share => format!(
+                    "; it acts {} like {}, which explains {:.0} % of the squared error",
+                    place_unlisted(&unlisted.site),
+                    unlisted.resembles.as_deref().unwrap_or(UNKNOWN),
+                    100.0 * share
+                ),
                 (Some(on), true) => {
                     format!("; it acts at the {} and depends on {on}", unlisted.site)
                 }

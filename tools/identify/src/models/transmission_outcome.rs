@@ -110,9 +110,12 @@ fn unlisted(
     let of_function = |unlisted_function| {
         table(unlisted_function, fit, found.inadequate.then_some(with_deviation))
     };
+    let dependence = found.localisation.as_ref().and_then(|localisation| localisation.dependence);
     let alone = |site: Site| UnlistedTable {
         site: site.name().into(),
-        depends_on: UNKNOWN.into(),
+        depends_on: dependence.map_or(UNKNOWN, |own| own.variable.name()).into(),
+        resembles: dependence.map(|own| own.words.to_owned()),
+        regression_share: dependence.map(|own| own.share),
         ..UnlistedTable::default()
     };
     let told =

@@ -23,8 +23,9 @@ use rayon::prelude::*;
 
 use super::dataset::Dataset;
 use super::nonparametric::Variable;
-use super::probe_torque::{ProbeTorque, random_signs};
+use super::probe_torque::{Action, ProbeTorque, random_signs};
 use super::record::{repeats, rms};
+use super::residual_regression::Dependence;
 use super::transmission_model::{Channel, Residual, Setting, TransmissionModel};
 use super::validation::repeat_differences;
 use crate::spectral::transform;
@@ -85,6 +86,8 @@ pub struct Localisation {
     /// Share that no torque at the place explains, 0 to 1. The torque sensor needs records with and
     /// without a hand, and is omitted otherwise.
     pub left: Vec<(Location, f64)>,
+    /// What it depends on, where no function of one variable explains it and a regression does.
+    pub dependence: Option<Dependence>,
 }
 
 impl Localisation {
@@ -204,10 +207,14 @@ impl ProbeExperiment<'_> {
     /// Returns the residuals with the probe torque at a site.
     fn with(&self, site: Site, size: f64) -> Option<Vec<Residual>> {
         let values: Arc<[f64]> = self.random_signs.iter().map(|sign| size * sign).collect();
+        let action = match site {
+            Site::Line => Action::MovingMass,
+            side => Action::Torque(side),
+        };
         let one = |record: &usize| {
             let start_s = self.model.records[*record].start_s;
             let probe_torque =
-                ProbeTorque::new(site, start_s, HELD as f64 * self.pace_s, Arc::clone(&values));
+                ProbeTorque::new(action, start_s, HELD as f64 * self.pace_s, Arc::clone(&values));
             self.model.residual_beside(
                 self.setting,
                 *record,
@@ -350,6 +357,7 @@ impl ProbeExperiment<'_> {
             places.into_iter().zip(sums.left.map(|left| (left / sums.missing).clamp(0.0, 1.0)));
         Some(Localisation {
             left: left.filter(|(place, _)| *place != Location::Cell || kinds == 2).collect(),
+            dependence: None,
         })
     }
 }
@@ -396,6 +404,7 @@ mod tests {
         let sides = [(Location::Master, master), (Location::Slave, slave), (Location::Line, line)];
         Localisation {
             left: sides.into_iter().chain(cell.map(|left| (Location::Cell, left))).collect(),
+            dependence: None,
         }
     }
 

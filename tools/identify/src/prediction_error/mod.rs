@@ -27,6 +27,9 @@
 //! - [`identifiability`]: what the records tell about each declared parameter;
 //! - [`localisation`]: where an unmodelled torque enters, from the responses to a [`probe_torque`]
 //!   at each place;
+//! - [`residual_regression`]: on which recorded signals an unmodelled torque depends that is no
+//!   function of one variable;
+//! - [`recorded_signals`]: those signals;
 //! - [`step_refinement`]: whether an effect survives finer steps of the simulation;
 //! - [`rectified_torque`]: the sign of a torque whose sensor shows magnitudes only;
 //! - [`sensor_correction`]: correction of the torque sensor's errors and of late readings;
@@ -53,8 +56,10 @@ pub mod parametric_bootstrap;
 pub mod probe_torque;
 pub mod record;
 pub mod record_features;
+pub mod recorded_signals;
 pub mod rectified_torque;
 pub mod refit;
+pub mod residual_regression;
 pub mod screening;
 pub mod search;
 pub mod selection_round;

@@ -7,6 +7,7 @@ use super::dataset::{Dataset, Fitted};
 use super::free_parameter::{FreeParameter, NODE_BOUND};
 use super::localisation::{Localisation, localise};
 use super::nonparametric::{NODES, PLACES, PiecewiseLinear, Variable};
+use super::residual_regression::regress;
 use super::screening::Projection;
 use super::sensor_correction::variable_at;
 use super::transmission_model::{Setting, TransmissionModel};
@@ -202,5 +203,12 @@ pub fn search_nonparametric(
         true => tried.validation.gain >= LEAST_HINT,
         false => tried.validation.accepted,
     };
-    NonparametricResult { tried: validation, best: tried.into_iter().find(enough), localisation }
+    let best = tried.into_iter().find(enough);
+    let localisation = localisation.map(|localisation| {
+        let regressed = best.is_none() && !fit.deadline.has_passed();
+        let site = localisation.site();
+        let dependence = regressed.then(|| regress((fit, select), now, site)).flatten();
+        Localisation { dependence, ..localisation }
+    });
+    NonparametricResult { tried: validation, best, localisation }
 }

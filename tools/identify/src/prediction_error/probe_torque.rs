@@ -3,18 +3,29 @@
 use std::sync::Arc;
 
 use plant::ParameterSet;
-use plant::effects::{Effect, Identity, Link, Moment, SideLoad, Site};
+use plant::effects::{Effect, Identity, Link, Moment, Side, SideLoad, Site};
 
 /// Multiplier of the linear congruential generator (Knuth's MMIX) whose highest bit is the sign.
 const MULTIPLIER: u64 = 6_364_136_223_846_793_005;
 /// Its increment.
 const INCREMENT: u64 = 1_442_695_040_888_963_407;
 
-/// A pseudo-random binary torque on a side (N·m), or force on the moving mass in the lines (N).
+/// Where it acts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Action {
+    /// A torque on master or slave (N·m).
+    Torque(Site),
+    /// A force on the moving mass in the lines (N).
+    MovingMass,
+    /// A force of the springs of the lines (N), which drives the slave forward and the master
+    /// backward.
+    Spring,
+}
+
+/// A known torque, held from sample to sample.
 #[derive(Clone, Debug)]
 pub struct ProbeTorque {
-    /// On the master, the slave, or the line.
-    site: Site,
+    action: Action,
     /// Start (s).
     start_s: f64,
     /// Hold time of each value (s).
@@ -34,9 +45,9 @@ pub fn random_signs(count: usize) -> Arc<[f64]> {
 }
 
 impl ProbeTorque {
-    /// At a site, from `start_s` on, each value held for `hold_s`.
-    pub const fn new(site: Site, start_s: f64, hold_s: f64, values: Arc<[f64]>) -> Self {
-        Self { site, start_s, hold_s, values }
+    /// From `start_s` on, each value held for `hold_s`.
+    pub const fn new(action: Action, start_s: f64, hold_s: f64, values: Arc<[f64]>) -> Self {
+        Self { action, start_s, hold_s, values }
     }
 
     fn value(&self, moment: &Moment) -> f64 {
@@ -51,7 +62,10 @@ impl Identity for ProbeTorque {
     }
 
     fn site(&self) -> Site {
-        self.site
+        match self.action {
+            Action::Torque(site) => site,
+            Action::MovingMass | Action::Spring => Site::Line,
+        }
     }
 }
 
@@ -61,8 +75,15 @@ impl Effect for ProbeTorque {
     }
 
     fn link(&mut self, link: &mut Link, moment: &Moment) {
-        if self.site == Site::Line {
-            link.fluid_force_n += self.value(moment);
+        let value = self.value(moment);
+        match self.action {
+            Action::Torque(_) => {}
+            Action::MovingMass => link.fluid_force_n += value,
+            Action::Spring => {
+                let force = if link.end == Side::Slave { value } else { -value };
+                link.force_n += force;
+                link.fluid_force_n += force;
+            }
         }
     }
 }
@@ -76,7 +97,8 @@ mod tests {
 
     #[test]
     fn values_are_held_and_end() {
-        let probe_torque = ProbeTorque::new(Site::Slave, 10.0, 0.1, Arc::from([1.0, -2.0]));
+        let probe_torque =
+            ProbeTorque::new(Action::Torque(Site::Slave), 10.0, 0.1, Arc::from([1.0, -2.0]));
         let at = |time_s: f64| probe_torque.value(&Moment { time_s, ..Moment::default() });
         assert_eq!([9.0, 10.05, 10.15, 10.25].map(at), [1.0, 1.0, -2.0, 0.0]);
     }

@@ -12,7 +12,7 @@ use super::candidates::Candidate;
 use super::dataset::{Dataset, Fitted};
 use super::free_parameter::{AT_BOUND, FreeParameter};
 use super::known_columns::KnownColumns;
-use super::transmission_model::{PlacedEffect, Setting};
+use super::transmission_model::{PlacedEffect, Residual, Setting};
 
 /// The residual of a fit, projected onto the complement of its own Jacobian.
 pub struct Projection {
@@ -110,6 +110,29 @@ impl Projection {
             .map(|setting| self.change(dataset, setting))
             .collect::<Option<_>>()?;
         self.best(&directions, (f64::NEG_INFINITY, f64::INFINITY))
+    }
+
+    /// Projects the difference of given residuals from those of the fit.
+    fn projected(&self, with: &[Residual]) -> DVector<f64> {
+        let change = Dataset::stack(with, &self.columns.weights) - &self.here;
+        &change - &self.basis * (self.basis.transpose() * &change)
+    }
+
+    /// Least squares of the residual on the changes that each of several torques makes, given by
+    /// the residuals with each: factors of the torques.
+    pub fn regress(&self, with: &[Vec<Residual>]) -> Option<Vec<f64>> {
+        let directions: Vec<DVector<f64>> = with.iter().map(|with| self.projected(with)).collect();
+        Some(self.best(&directions, (f64::NEG_INFINITY, f64::INFINITY))?.0)
+    }
+
+    /// Share of the squared residual that these torques explain with given factors; negative where
+    /// they make it larger.
+    pub fn explained(&self, with: &[Vec<Residual>], factors: &[f64]) -> f64 {
+        let mut after = self.left.clone();
+        for (with, factor) in with.iter().zip(factors) {
+            after.axpy(*factor, &self.projected(with), 1.0);
+        }
+        1.0 - after.norm_squared() / self.left.norm_squared().max(f64::MIN_POSITIVE)
     }
 
     /// Scores every candidate, best first; those that cannot be simulated are omitted.
