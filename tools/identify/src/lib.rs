@@ -12,6 +12,7 @@
 #![cfg_attr(test, allow(clippy::unwrap_used, clippy::expect_used))]
 
 mod args;
+pub mod correlation;
 pub mod deadline;
 pub mod effects;
 pub mod equation_error;

@@ -4,6 +4,8 @@ use std::collections::BTreeMap;
 
 use serde::Serialize;
 
+use crate::correlation::ResidualTests;
+
 /// The verdict.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
@@ -117,6 +119,8 @@ pub struct Outcome {
     pub left: Vec<Left>,
     /// Errors on the reporting rows, per channel.
     pub error: BTreeMap<String, ChannelError>,
+    /// Tests of the final model's residual on the same rows, per channel.
+    pub residual_tests: BTreeMap<String, ResidualTests>,
     /// Declared parameters, as fitted beside the effects.
     pub parameters: Vec<FittedParameter>,
     /// Those that ended at the bounds of their tolerances; left out if none did.

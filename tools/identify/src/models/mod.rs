@@ -25,6 +25,7 @@ mod single_channel_study;
 mod transmission;
 mod transmission_outcome;
 mod transmission_page;
+mod transmission_residual_tests;
 mod transmission_study;
 mod unaccepted_effects;
 

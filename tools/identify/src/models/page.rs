@@ -49,8 +49,10 @@ pub(super) fn page(outcome: &Outcome, content: &Content<'_>) -> Page {
     let residual = content.residual;
     page = page.heading("What the residual depends on").paragraph(&format!(
         "Mean of the {residual} in bins (line) and one standard deviation of the rows in a bin to \
-         either side (band), and its spectrum. A mean away from zero is something that the model \
-         lacks."
+         either side (band), its spectrum, and the correlations of the final model's {residual} on \
+         the reporting rows with itself and with the inputs. A mean away from zero is something \
+         that the model lacks, and so is a correlation with an input outside the band in which \
+         95 % of the lags of an independent one lie."
     ));
     for channel in &content.channels {
         let sheet = channel.panels(residual);

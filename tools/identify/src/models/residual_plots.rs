@@ -2,6 +2,7 @@
 
 use report::{Colour, Figure, Panels};
 
+use crate::correlation::{Correlogram, TestedResidual};
 use crate::spectral::periodogram;
 
 /// Bins of a figure.
@@ -41,6 +42,17 @@ pub(super) fn over_time(
             figure.line(colour, name, time, y)
         })
         .horizontal(Colour::Grey, "", 0.0)
+}
+
+/// A correlation over the lag, with its 95 % band.
+fn over_lags((what, correlogram): (String, Correlogram)) -> Figure {
+    let Correlogram { lags_s, values, band } = correlogram;
+    let [low, high] = [-band, band].map(|edge| vec![edge; lags_s.len()]);
+    Figure::new("", "lag / s", what)
+        .size(SIZE.0, SIZE.1)
+        .band(Colour::Grey, "95 % band", &lags_s, &low, &high)
+        .horizontal(Colour::Grey, "", 0.0)
+        .line(Colour::Blue, "final model", &lags_s, &values)
 }
 
 /// Rows sorted by a variable, in bins of about a fortieth of them. A bin without rows marks a gap
@@ -86,14 +98,18 @@ pub(super) struct ChannelResidual {
     pub(super) step_s: f64,
     /// Whether effects were found.
     pub(super) with: bool,
+    /// The final model's residual on the reporting rows.
+    pub(super) tested: TestedResidual,
 }
 
 impl ChannelResidual {
-    /// One panel for each variable, and the spectrum.
+    /// One panel for each variable, the spectrum, and the correlations.
     pub(super) fn panels(&self, residual: &str) -> Panels {
         let sheet = Panels::new(format!("What the {residual} of {} depends on", self.name));
         let variables = self.variables.iter().filter_map(|variable| self.over(variable));
-        variables.chain(self.spectrum()).fold(sheet.columns(2), Panels::panel)
+        let correlations = self.tested.correlograms().into_iter().map(over_lags);
+        let panels = variables.chain(self.spectrum()).chain(correlations);
+        panels.fold(sheet.columns(2), Panels::panel)
     }
 
     /// Mean and standard deviation in some forty bins of a variable with about equal numbers of
@@ -227,6 +243,7 @@ mod tests {
             spectra: Vec::new(),
             step_s: 1.0,
             with: false,
+            tested: TestedResidual::default(),
         };
         let none = vec![f64::NAN; 3];
         assert!(residual.over(&("time since the last reversal", "s", none)).is_none());

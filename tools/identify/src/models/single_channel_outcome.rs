@@ -8,7 +8,7 @@ use super::next_experiment::next_experiment;
 use super::resemblance::resemblance;
 use super::single_channel_page::page;
 use super::single_channel_parameters::{effect_parameters, parameters};
-use super::single_channel_result::{Study, all_rows};
+use super::single_channel_result::{Study, all_rows, tested};
 use super::unaccepted_effects::{left, sampling_delay_notes};
 use crate::equation_error::block_roles::{Block, Role, blocks_of_role};
 use crate::equation_error::model::{Fitted, RegressionModel, Structure};
@@ -85,6 +85,7 @@ fn outcome(study: &Study<'_>) -> Outcome {
         calibration: None,
         left: left(study),
         error: [(study.channel.to_owned(), error)].into(),
+        residual_tests: [(study.channel.to_owned(), tested(study).tests())].into(),
         records: roles(regression, &study.blocks),
         next_experiment: next_experiment(regression, found, &parameters),
         at_bounds: AtBounds::of(&parameters, &BTreeMap::new()),

@@ -4,7 +4,7 @@ use report::{Colour, Figure, Page};
 
 use super::page::{Content, page as whole_page};
 use super::residual_plots::{ChannelResidual, over_time, plotted};
-use super::single_channel_result::{Study, all_rows};
+use super::single_channel_result::{Study, all_rows, tested};
 use crate::input::step_of;
 use crate::naming::labels;
 use crate::outcome::Outcome;
@@ -171,6 +171,7 @@ fn residual(
         spectra: first.flat_map(curves).collect(),
         step_s: records.first().and_then(|record| step_of(&record.time)).unwrap_or_default(),
         with,
+        tested: tested(study),
     }
 }
 

@@ -10,7 +10,9 @@ use super::candidate_movements::RigCapability;
 use super::effect_descriptions::{rival_words, words};
 use super::experiment_design::propose;
 use super::transmission_page;
+use super::transmission_residual_tests::tested;
 use super::transmission_study::Study;
+use crate::correlation::TestedResidual;
 use crate::equation_error::block_roles::Role;
 use crate::outcome::{
     AtBounds, CandidateGain, ChannelError, EffectParameter, FittedParameter, FoundEffect,
@@ -51,7 +53,11 @@ pub(super) fn conclude(
         outcome.notes.push(PROPOSED_EARLY.to_owned());
     }
     outcome.early = study.deadline.left_work_out();
-    let page = transmission_page::page(study, &outcome)?;
+    let tested = tested(study)?;
+    let tests =
+        |(channel, own): &(Channel, TestedResidual)| (channel.column().to_owned(), own.tests());
+    outcome.residual_tests = tested.iter().map(tests).collect();
+    let page = transmission_page::page(study, &outcome, tested)?;
     Some((outcome, page))
 }
 
@@ -82,6 +88,7 @@ fn outcome(study: &Study<'_>) -> Option<Outcome> {
         calibration: study.calibration.clone(),
         at_bounds: AtBounds::of(&parameters, &error),
         error,
+        residual_tests: BTreeMap::new(),
         parameters,
         records: roles(study),
         next_experiment: next_experiment(study, verdict),

@@ -6,6 +6,7 @@ use report::{Figure, Page};
 use super::page::{Content, page as whole_page};
 use super::residual_plots::{ChannelResidual, over_time, plotted};
 use super::transmission_study::Study;
+use crate::correlation::TestedResidual;
 use crate::equation_error::block_roles::Role;
 use crate::naming::labels;
 use crate::outcome::Outcome;
@@ -23,7 +24,11 @@ const LONGEST_S: f64 = 1.0;
 const MOST_FIGURES: usize = 3;
 
 /// The whole page; `None` where a model cannot be simulated.
-pub(super) fn page(study: &Study<'_>, outcome: &Outcome) -> Option<Page> {
+pub(super) fn page(
+    study: &Study<'_>,
+    outcome: &Outcome,
+    tested: Vec<(Channel, TestedResidual)>,
+) -> Option<Page> {
     let model = &study.model;
     let report = model.of_role(Role::Report);
     let dataset = Dataset::of(model, Role::Report);
@@ -36,10 +41,10 @@ pub(super) fn page(study: &Study<'_>, outcome: &Outcome) -> Option<Page> {
     let shown = report.iter().zip(both).take(MOST_FIGURES);
     let figures =
         shown.flat_map(|(index, both)| figures(study, (names[*index], *index), both, with));
-    let channels = [Channel::Master, Channel::Slave, Channel::Torque];
-    let channels = channels
-        .into_iter()
-        .filter_map(|channel| residual_of(study, &report, channel, (&before, &after), with));
+    let channels = tested.into_iter().filter_map(|(channel, tested)| {
+        let residual = residual_of(study, &report, channel, (&before, &after), with)?;
+        Some(ChannelResidual { tested, ..residual })
+    });
     let accepted = format!(
         "Each candidate is fitted on the fitting records beside all declared parameters, and \
          validated on the selection ones. It is added when the errors of all channels, multiplied, \
@@ -219,6 +224,7 @@ fn residual_of(
         spectra: plotted(of_before, of_after, with),
         step_s,
         with,
+        tested: TestedResidual::default(),
     })
 }
 

@@ -105,6 +105,7 @@ fn outcome(
         calibration: None,
         left: Vec::new(),
         error: Default::default(),
+        residual_tests: Default::default(),
         parameters,
         at_bounds: None,
         records: Roles::default(),
