@@ -16,7 +16,8 @@ use identify::prediction_error::parametric_bootstrap::{
 use identify::prediction_error::record::{Record, rms, share_out};
 use identify::prediction_error::record_features::record_features;
 use identify::prediction_error::refit::fit_base;
-use identify::prediction_error::search::{SearchResult, Unfinished, search};
+use identify::prediction_error::search::search;
+use identify::prediction_error::search_result::{SearchResult, Unfinished};
 use identify::prediction_error::selection_round::FittedCandidate;
 use identify::prediction_error::step_refinement::holds_with_finer_steps;
 use identify::prediction_error::transmission_model::TransmissionModel;

@@ -265,7 +265,7 @@ mod tests {
     use crate::models::simulated_experiment::plant;
     use crate::outcome::Identifiability;
     use crate::prediction_error::dataset::{Dataset, Fitted};
-    use crate::prediction_error::search::{SearchResult, SelectionStep};
+    use crate::prediction_error::search_result::{SearchResult, SelectionStep};
     use crate::prediction_error::transmission_model::{PlacedEffect, Setting};
     use crate::prediction_error::validation::Validation;
     use rig::RigFile;

@@ -25,7 +25,7 @@ use crate::prediction_error::identifiability::{Sensitivity, sensitivities};
 use crate::prediction_error::nonparametric::NODES;
 use crate::prediction_error::nonparametric_search::UnlistedFunction;
 use crate::prediction_error::record::rms;
-use crate::prediction_error::search::{SearchResult, Unfinished};
+use crate::prediction_error::search_result::{SearchResult, Unfinished};
 use crate::prediction_error::transmission_model::Channel;
 use crate::prediction_error::validation::{BLOCK, Validation, errors};
 

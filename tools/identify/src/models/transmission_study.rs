@@ -2,7 +2,7 @@
 
 use crate::deadline::Deadline;
 use crate::outcome::Calibration;
-use crate::prediction_error::search::SearchResult;
+use crate::prediction_error::search_result::SearchResult;
 use crate::prediction_error::transmission_model::TransmissionModel;
 
 /// A transmission's model, records and search result.

@@ -6,7 +6,7 @@ use rayon::prelude::*;
 use super::dataset::{Dataset, Fitted};
 use super::free_parameter::FreeParameter;
 use super::transmission_model::{Residual, Setting};
-use super::validation::{LEAST_GAIN, Validation, validate};
+use super::validation::{LEAST_GAIN, Validation, validate, validate_beside};
 
 /// Runners-up of the first round that are fitted alone.
 const RUNNERS_UP: usize = 6;
@@ -20,6 +20,8 @@ const SUBSTITUTES: usize = 3;
 const SUBSTITUTION_ROUNDS: usize = 2;
 /// Least gain of the best of them.
 const LEAST_SUBSTITUTION: f64 = 0.1;
+/// Fit rounds without the newest effect.
+const WITHOUT_NEWEST_ROUNDS: usize = 4;
 /// Block t beyond which two effects are distinguished.
 const DISTINCT_T: f64 = 4.0;
 
@@ -43,6 +45,32 @@ pub fn redundant_effect(
         let validation = validate((placed.id, placed.site), &without, &with);
         (validation.gain < LEAST_GAIN).then_some((at, fitted))
     })
+}
+
+/// Returns the model `with` an effect that was just added beside others, fitted without it, if the
+/// effect no longer passes beside that. The fit starts where the one with the effect ended: the one
+/// `before` it may have stopped in a local minimum, and any candidate that leads out of one gains.
+pub fn without_newest(
+    (fit, select): (&Dataset<'_>, &Dataset<'_>),
+    before: &Fitted,
+    with: &Fitted,
+) -> Option<Fitted> {
+    let (newest, others) = with.setting.placed.split_last()?;
+    let at = others.len();
+    if others.is_empty() || fit.deadline.has_passed() {
+        return None;
+    }
+    let mut setting = with.setting.clone();
+    setting.placed.truncate(at);
+    let left: Vec<FreeParameter> =
+        with.parameters.iter().filter_map(|parameter| parameter.without(at)).collect();
+    let fitted = fit.fit(&setting, &left, WITHOUT_NEWEST_ROUNDS)?;
+    if fitted.objective >= before.objective {
+        return None;
+    }
+    let [without, with] = [&fitted, with].map(|fitted| select.residuals(&fitted.setting));
+    let beside = validate_beside(at, (newest.id, newest.site), &without?, &with?);
+    (!beside.accepted).then_some(fitted)
 }
 
 /// Another model than the current one.

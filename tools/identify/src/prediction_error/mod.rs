@@ -37,6 +37,7 @@
 //! - [`backward_elimination`]: effects that later ones, or a single other one, made redundant;
 //! - [`selection_round`]: one round of the forward selection;
 //! - [`search`]: the stepwise selection, round by round, to a verdict;
+//! - [`search_result`]: its result;
 //! - [`parametric_bootstrap`]: how often simulated records without the effect give as large a gain.
 
 pub mod backward_elimination;
@@ -62,6 +63,7 @@ pub mod refit;
 pub mod residual_regression;
 pub mod screening;
 pub mod search;
+pub mod search_result;
 pub mod selection_round;
 pub mod sensor_correction;
 pub mod step_refinement;

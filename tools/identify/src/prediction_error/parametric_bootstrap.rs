@@ -15,7 +15,8 @@ use rand_pcg::Pcg64Mcg;
 use super::backward_elimination::equivalent_site;
 use super::dataset::Dataset;
 use super::record::{Record, repeats, rms};
-use super::search::{SearchResult, search};
+use super::search::search;
+use super::search_result::SearchResult;
 use super::sensor_correction::{advanced, hand_torque, reading_of};
 use super::transmission_model::{
     Channel, EffectGroups, OBSERVER_RAD_S, PlacedEffect, Setting, TransmissionModel,

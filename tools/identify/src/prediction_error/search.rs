@@ -1,20 +1,20 @@
 //! Stepwise selection of effects: forward rounds that fit, screen, refit and validate candidates,
 //! with backward elimination and substitution after each.
 
+use plant::effects::entry;
 use plant::effects::search::Choice;
-use plant::effects::{Site, entry};
 
 use super::backward_elimination::{
     DISTINCT_GAIN, equivalent_site, redundant_effect, rivals, single_effect_models, substitute,
+    without_newest,
 };
 use super::candidates::{Candidate, candidates};
 use super::dataset::{Dataset, Fitted};
-use super::free_parameter::FreeParameter;
-use super::localisation::Localisation;
-use super::nonparametric_search::{NonparametricResult, UnlistedFunction, search_nonparametric};
+use super::nonparametric_search::{NonparametricResult, search_nonparametric};
 use super::record_features::record_features;
 use super::rectified_torque::{rectified_records, restore_signs};
 use super::refit::{fit_base, refit, refit_declared};
+use super::search_result::{SearchResult, SelectionStep, Unfinished};
 use super::selection_round::{FittedCandidate, SelectionRound, winner};
 use super::step_refinement::{holds_with_finer_steps, may_be_step_artefact};
 use super::transmission_model::TransmissionModel;
@@ -38,150 +38,6 @@ const EQUIVALENT_GAIN_SHARE: f64 = 0.75;
 const EQUIVALENT_FIT_ROUNDS: usize = 3;
 /// Fit rounds with the other instrument.
 const CHOICE_FIT_ROUNDS: usize = 4;
-/// Fit rounds after an effect was withdrawn.
-const WITHDRAWAL_FIT_ROUNDS: usize = 4;
-
-/// An effect that was added.
-#[derive(Clone, Debug)]
-pub struct SelectionStep {
-    /// The effect, with its validation.
-    pub added: Validation,
-    /// Effects that the records cannot distinguish from it.
-    pub rivals: Vec<(&'static str, Site)>,
-    /// The model with it.
-    pub fitted: Fitted,
-}
-
-/// The part of a search that a deadline left unfinished.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Unfinished {
-    /// Not every candidate was tried beside the effects added.
-    Candidates,
-    /// The effects added were not compared with every alternative, and no further one was tried.
-    Comparison,
-    /// Not every nonparametric function was tried.
-    Functions,
-}
-
-/// Result of the stepwise selection.
-#[derive(Clone, Debug, Default)]
-pub struct SearchResult {
-    /// The declared model, fitted within its tolerances.
-    pub base: Fitted,
-    /// Effects in the order in which they were added.
-    pub steps: Vec<SelectionStep>,
-    /// Candidates fitted in each round, best first.
-    pub rounds: Vec<Vec<Validation>>,
-    /// Effects that were added and removed again.
-    pub given_up: Vec<(&'static str, Site)>,
-    /// Nonparametric functions tried after the listed effects.
-    pub nonparametric: Vec<Validation>,
-    /// The best of them, if it passes; where the listed effects are inadequate, a smaller gain than
-    /// that suffices.
-    pub unlisted_function: Option<UnlistedFunction>,
-    /// Where the unmodelled torque enters; only if no listed effect is adequate.
-    pub localisation: Option<Localisation>,
-    /// Whether the error stays so far above the noise floor that no listed effect is adequate.
-    pub inadequate: bool,
-    /// Whether the error stays far above the repeatability, but no further than the unknown passage
-    /// of an unobserved slave's friction through zero speed may leave it.
-    pub hidden_by_friction: bool,
-    /// What a deadline left unfinished.
-    pub unfinished: Option<Unfinished>,
-    /// Whether an effect may be missing that the unfinished search did not reach: no effect was
-    /// added, and the error is above the noise floor or that is not known.
-    pub undecided: bool,
-}
-
-impl SearchResult {
-    /// Returns the final model: with all effects, or with a nonparametric function if no listed
-    /// effect is adequate.
-    pub fn last(&self) -> &Fitted {
-        let nonparametric =
-            self.stand_alone_function().map(|unlisted_function| &unlisted_function.fitted);
-        self.steps.last().map(|step| &step.fitted).or(nonparametric).unwrap_or(&self.base)
-    }
-
-    /// Returns the last effect that the records cannot distinguish from others, with its index.
-    pub fn contested(&self) -> Option<(usize, &SelectionStep)> {
-        self.steps.iter().enumerate().rev().find(|(_, step)| !step.rivals.is_empty())
-    }
-
-    /// Returns the nonparametric function if no listed effect is adequate.
-    pub fn stand_alone_function(&self) -> Option<&UnlistedFunction> {
-        self.unlisted_function.as_ref().filter(|_| self.inadequate)
-    }
-
-    /// Returns where an unlisted effect acts if no function of one variable explains it.
-    pub fn acts_at(&self) -> Option<Site> {
-        let localisation = self
-            .localisation
-            .as_ref()
-            .filter(|_| self.inadequate && self.unlisted_function.is_none())?;
-        // Motor torque acts on the master too; only the variable distinguishes the two.
-        let best = self.nonparametric.first().filter(|best| best.gain > 0.0);
-        match localisation.site() {
-            Site::Master => Some(best.map_or(Site::Master, |best| best.site)),
-            own => Some(own),
-        }
-    }
-
-    /// Withdraws the last effect and refits the rest; nonparametric results go with it. `None` if
-    /// that cannot be simulated.
-    pub fn without_last(&mut self, model: &TransmissionModel) -> Option<()> {
-        let Some(step) = self.steps.pop() else { return Some(()) };
-        let at = step.fitted.setting.placed.len().saturating_sub(1);
-        self.set_nonparametric(NonparametricResult::default());
-        if let Some(last) = self.steps.last_mut() {
-            let Fitted { mut setting, parameters, .. } = step.fitted;
-            setting.placed.truncate(at);
-            let parameters: Vec<FreeParameter> =
-                parameters.iter().filter_map(|parameter| parameter.without(at)).collect();
-            last.fitted =
-                Dataset::of(model, Role::Fit).fit(&setting, &parameters, WITHDRAWAL_FIT_ROUNDS)?;
-        }
-        Some(())
-    }
-}
-
-impl SearchResult {
-    fn set_nonparametric(
-        &mut self,
-        NonparametricResult { tried, best, localisation }: NonparametricResult,
-    ) {
-        (self.nonparametric, self.unlisted_function, self.localisation) =
-            (tried, best, localisation);
-    }
-
-    /// Reassesses adequacy and nonparametric functions after an effect was withdrawn.
-    pub fn reassess(&mut self, model: &TransmissionModel, deadline: &Deadline) {
-        let [fit, select] =
-            [Role::Fit, Role::Select].map(|role| Dataset::of(model, role).until(deadline));
-        let above = above_floor(model, &select.records, &self.last().setting);
-        if above.is_none_or(|above| above.at_floor()) {
-            return;
-        }
-        self.inadequate = above.is_some_and(|above| above.inadequate());
-        let now = if self.inadequate { &self.base } else { self.last() };
-        self.set_nonparametric(search_nonparametric((&fit, &select), now, self.inadequate));
-        if self.inadequate {
-            self.give_up_all();
-        }
-        self.conclude_early(deadline, Unfinished::Functions, false);
-    }
-
-    /// Notes what a deadline left unfinished, if it did; only the first is noted.
-    fn conclude_early(&mut self, deadline: &Deadline, what: Unfinished, at_floor: bool) {
-        if deadline.left_work_out() {
-            self.unfinished.get_or_insert(what);
-            self.undecided = self.steps.is_empty() && !self.inadequate && !at_floor;
-        }
-    }
-
-    fn give_up_all(&mut self) {
-        self.given_up.extend(self.steps.drain(..).map(|step| step.added.effect()));
-    }
-}
 
 /// Runs the whole selection, or as much of it as the deadline permits: effects of rounds that were
 /// finished stay. Recovered signs of a rectified torque are stored in the records. `None` if not
@@ -290,7 +146,15 @@ impl Search<'_> {
         if self.found.rounds.len() == 1 {
             self.runners_up.clone_from(&self.latest);
         }
-        self.now = refit((fit, select), winner, &listed[winner.candidate]);
+        let with = refit((fit, select), winner, &listed[winner.candidate]);
+        self.now = match without_newest((fit, select), now, &with) {
+            Some(without) => {
+                let step = self.found.steps.pop();
+                self.found.given_up.extend(step.map(|step| step.added.effect()));
+                without
+            }
+            None => with,
+        };
         true
     }
 

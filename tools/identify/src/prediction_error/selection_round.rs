@@ -36,6 +36,11 @@ const WITHIN_REACH: f64 = 0.6;
 const LEAST_PROMISING_GAIN: f64 = 0.5 * LEAST_FIRST;
 /// Gauss-Newton steps before a candidate is continued or dropped.
 const QUICK_STEPS: usize = 2;
+/// Candidates, by score, that are fitted from all starting points where no model found explains the
+/// records.
+const LEADING_BY_SCORE: usize = 3;
+/// Starting points of each that are fitted to convergence.
+const CONTINUED: usize = 2;
 /// Fit rounds to convergence.
 const CONVERGENCE_ROUNDS: usize = 3;
 
@@ -79,9 +84,12 @@ impl SelectionRound<'_> {
         self.improve(&mut tried, &chosen, 1);
         let nearest = tried.iter().min_by(|a, b| a.fitted.objective.total_cmp(&b.fitted.objective));
         let Some(nearest) = nearest else { return tried };
+        let mut foremost_by_score = leading_candidates(&scored);
+        let mut at_declared = None;
         if !at_floor(self.fit.model, &self.select.records, &nearest.fitted.setting) {
-            let at_declared = self.refit_from_declared(&mut tried, &chosen);
-            self.refit_from_all_starts(&mut tried, (&projection, at_declared.as_ref()));
+            at_declared = self.refit_from_declared(&mut tried, &chosen);
+            let at_declared = at_declared.as_ref().map(|(projection, _)| projection);
+            self.refit_from_all_starts(&mut tried, (&projection, at_declared));
             chosen = foremost(&tried);
         }
         // Candidates far behind cannot win after refinement.
@@ -92,6 +100,15 @@ impl SelectionRound<'_> {
         chosen.retain(|index| tried[*index].validation.gain >= WITHIN_REACH * most);
         self.improve(&mut tried, &chosen, CONVERGENCE_ROUNDS);
         self.elsewhere(&mut tried);
+        if !self.is_explained(&tried) {
+            let (at_declared, there) = at_declared.unzip();
+            foremost_by_score.extend(there.unwrap_or_default());
+            foremost_by_score.sort_unstable();
+            foremost_by_score.dedup();
+            let projections = (&projection, at_declared.as_ref());
+            self.refit_leading_candidates(&mut tried, &foremost_by_score, projections);
+            self.elsewhere(&mut tried);
+        }
         tried.sort_by(|a, b| b.validation.gain.total_cmp(&a.validation.gain));
         tried
     }
@@ -184,12 +201,13 @@ impl SelectionRound<'_> {
 
     /// Without the effect, declared parameters may have been biased until little of it shows;
     /// candidates are therefore also screened and fitted from the declared values. Returns the
-    /// projection there; `None` if that cannot be simulated, or after the deadline.
+    /// projection there and the leading candidates by score; `None` if that cannot be simulated, or
+    /// after the deadline.
     fn refit_from_declared(
         &self,
         tried: &mut Vec<FittedCandidate>,
         chosen: &[usize],
-    ) -> Option<Projection> {
+    ) -> Option<(Projection, Vec<usize>)> {
         let model = self.fit.model;
         if self.now.setting.placed.is_empty() {
             let fresh = |index: &usize| {
@@ -213,7 +231,49 @@ impl SelectionRound<'_> {
             |scored: &ScoredCandidate| (scored.candidate, start.setting.with(&scored.placed));
         let starts: Vec<(usize, Setting)> = ranked.iter().take(FROM_DECLARED).map(with).collect();
         self.fit_from(tried, &starts, QUICK_STEPS, Some(&projection.columns));
-        Some(projection)
+        Some((projection, leading_candidates(&ranked)))
+    }
+
+    /// Whether the current model or the winner, as fitted so far, reaches the noise floor.
+    fn is_explained(&self, tried: &[FittedCandidate]) -> bool {
+        let reached =
+            |fitted: &Fitted| at_floor(self.fit.model, &self.select.records, &fitted.setting);
+        winner(tried).is_some_and(|winner| reached(&winner.fitted)) || reached(self.now)
+    }
+
+    /// Fits candidates from all their starting points to convergence, at the current parameters and
+    /// at the declared ones: a local minimum refutes no candidate, and the size that the score
+    /// suggests is too small where declared parameters have absorbed most of the effect.
+    fn refit_leading_candidates(
+        &self,
+        tried: &mut Vec<FittedCandidate>,
+        leading: &[usize],
+        (here, at_declared): (&Projection, Option<&Projection>),
+    ) {
+        let declared = declared(self.fit.model, &self.now.setting);
+        for candidate in leading.iter().copied() {
+            let of = &self.candidates[candidate];
+            let begun = |from: &Setting, rounds: usize, at: Option<&Projection>| {
+                if self.fit.deadline.has_passed() {
+                    return Vec::new();
+                }
+                let starts: Vec<Setting> = of.starts.iter().map(|start| from.with(start)).collect();
+                let Some(first) = starts.first() else { return Vec::new() };
+                let free = self.free(candidate, first);
+                self.fit.leading(&starts, &free, rounds, at.map(|at| &at.columns))
+            };
+            let mut begun = [
+                begun(&self.now.setting, 1, Some(here)),
+                begun(&declared, START_ROUNDS, at_declared),
+            ]
+            .concat();
+            begun.sort_by(|a, b| a.objective.total_cmp(&b.objective));
+            begun.truncate(CONTINUED);
+            begun.retain(|begun| begun.objective <= self.reach(tried));
+            let starts: Vec<(usize, Setting)> =
+                begun.into_iter().map(|begun| (candidate, begun.setting)).collect();
+            self.fit_from(tried, &starts, MULTI_START_ROUNDS, None);
+        }
     }
 
     /// Fits multi-start candidates from all their starting points, at the current parameters; where
@@ -251,14 +311,18 @@ impl SelectionRound<'_> {
             if localisation.is_some() {
                 leading.extend(begun(&declared, START_ROUNDS, at_declared));
             }
-            let nearest =
-                tried.iter().map(|tried| tried.fitted.objective).fold(f64::INFINITY, f64::min);
-            let reach = nearest + OUT_OF_REACH * self.now.rows() as f64;
-            leading.retain(|begun| begun.objective <= reach);
+            leading.retain(|begun| begun.objective <= self.reach(tried));
             let starts: Vec<(usize, Setting)> =
                 leading.into_iter().map(|begun| (candidate, begun.setting)).collect();
             self.fit_from(tried, &starts, MULTI_START_ROUNDS, None);
         }
+    }
+
+    /// Largest criterion of a brief fit that is continued.
+    fn reach(&self, tried: &[FittedCandidate]) -> f64 {
+        let nearest =
+            tried.iter().map(|tried| tried.fitted.objective).fold(f64::INFINITY, f64::min);
+        nearest + OUT_OF_REACH * self.now.rows() as f64
     }
 
     /// Fits a candidate in place of the last effect of a setting, from all its starting points.
@@ -309,6 +373,11 @@ impl SelectionRound<'_> {
         let starts: Vec<(usize, Setting)> = others.map(moved).collect();
         self.fit_from(tried, &starts, CONVERGENCE_ROUNDS, None);
     }
+}
+
+/// The candidates with the highest scores.
+fn leading_candidates(ranked: &[ScoredCandidate]) -> Vec<usize> {
+    ranked.iter().take(LEADING_BY_SCORE).map(|scored| scored.candidate).collect()
 }
 
 /// The best by fit, then the best by validation.
