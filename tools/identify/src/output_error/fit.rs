@@ -206,7 +206,12 @@ impl<'a> Problem<'a> {
                 (coefficients.as_slice()[at..at + terms].to_vec(), shapes[place].to_vec());
             at += terms;
             if effect.declaration().uses_sign {
-                dry += amplitudes.iter().map(|a| a.abs()).sum::<f64>();
+                // Friction in proportion to the load counts at its largest.
+                let load = match effect.declaration().uses_model {
+                    true => regression.axis.force_peak,
+                    false => 1.0,
+                };
+                dry += load * amplitudes.iter().map(|a| a.abs()).sum::<f64>();
             }
             match (effect.is_force(), effect.declaration().deliver) {
                 _ if terms == 0 => {}

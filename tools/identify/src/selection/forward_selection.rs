@@ -159,8 +159,11 @@ impl Search<'_> {
             }
             let FittedModel { structure, fitted: equation_error_fit, .. } = candidate.model.clone();
             let smoothed = simulation.regression.uses_sign(&current.structure);
-            let start = starting_point(&equation_error_fit, &current.fitted, smoothed);
-            let fitted = simulation.fit(&structure, &self.fit, &start, &[])?;
+            let near = starting_point(&equation_error_fit, &current.fitted, smoothed);
+            let fit = |start: &Fitted| simulation.fit(&structure, &self.fit, start, &[]);
+            // What the model without the effect was bent to may lie in another minimum.
+            let fits = [&near, &equation_error_fit].into_iter().filter_map(fit);
+            let fitted = fits.min_by(|a, b| a.fit.squares.total_cmp(&b.fit.squares))?;
             let block_errors = self.predictor.mean_squares(&fitted, &self.select);
             let mut validation = validate(candidate.validation.id, &before, &block_errors);
             validation
