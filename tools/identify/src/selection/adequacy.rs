@@ -22,7 +22,7 @@ const MOST_CORRELATION: f64 = 0.3;
 const LEAST_BEYOND: f64 = 1e-6;
 /// Largest share of the squared error that may be noise of the position where the rest is judged:
 /// noise of the acceleration is coloured.
-const MOST_NOISE: f64 = 0.5;
+pub(super) const MOST_NOISE: f64 = 0.5;
 
 /// Least such share that is told.
 const LEAST_NOTED: f64 = 0.1;
@@ -66,7 +66,7 @@ impl Adequacy {
         let share = |blocks: &[Block]| {
             let [before, after] = [declared, last].map(|model| {
                 let square = mean_square(&moving(model, blocks));
-                let noise = predictor.noise_square(&model.fitted, blocks);
+                let noise = predictor.noise_square(&model.structure, &model.fitted, blocks);
                 (square, (square - noise).max(LEAST_BEYOND * square).max(f64::MIN_POSITIVE))
             });
             let (error, size) = predictor.error(&last.fitted, blocks);

@@ -195,7 +195,8 @@ impl<'a> Search<'a> {
     /// The declared model with the nonparametric function that takes the place of listed effects,
     /// and effects beside it. It does where it explains clearly more than the listed effects alone;
     /// or where it explains as much, and a function of the same variable takes a good part of what
-    /// the listed effects leave.
+    /// the listed effects leave. What noise of the position leaves of the listed effects is not
+    /// there to be explained.
     fn beside_function<'f>(
         &self,
         base: &FittedModel<'f>,
@@ -212,7 +213,8 @@ impl<'a> Search<'a> {
         let before = self.relative_errors(listed.last(base));
         let takes_much =
             |own: &Validation| own.accepted && own.gain_percent >= LEAST_FUNCTION_PERCENT;
-        let (chosen, beside) = if takes_much(&validate("", &before, &best.errors)) {
+        let beyond_noise = self.less_noise_of_position(listed.last(base), &before);
+        let (chosen, beside) = if takes_much(&validate("", &beyond_noise, &best.errors)) {
             (Some(best.function.variable()), None)
         } else {
             let beside = self.nonparametric(listed.last(base));
