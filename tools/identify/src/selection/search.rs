@@ -76,6 +76,12 @@ impl<'f> SearchResult<'f> {
         self.leaves_too_much() || self.unsettled().is_some()
     }
 
+    /// Whether effects were added beside which a large error is left that is no noise: they explain
+    /// a part of what is missing, or something similar is.
+    pub fn leaves_coloured(&self) -> bool {
+        !self.steps.is_empty() && self.adequacy.is_coloured()
+    }
+
     /// Whether nothing was added, and effects that were withdrawn leave most of a large error, or
     /// the declared model leaves a large error that is no noise.
     fn leaves_too_much(&self) -> bool {
@@ -88,7 +94,8 @@ impl<'f> SearchResult<'f> {
     /// pass, where nothing was added for another reason: neither that it is missing nor that
     /// nothing is can be said then.
     pub fn unsettled(&self) -> Option<&Validation> {
-        if !self.steps.is_empty() || self.unlisted.is_some() || self.leaves_too_much() {
+        let found = !self.steps.is_empty() || self.unlisted.is_some();
+        if found || self.leaves_too_much() || self.adequacy.is_negligible() {
             return None;
         }
         let listed = self.last_round.iter().filter(|own| !own.screened_only);
@@ -161,7 +168,14 @@ pub fn search<'f>(
     found.unlisted = found.unlisted.or_else(|| best.map(|best| best.unlisted.clone()));
     let report = blocks_of_role(blocks, Role::Report);
     found.adequacy = Adequacy::of(predictor, (&found.base, found.last()), &search.select, &report);
-    if found.function.is_none() && !found.steps.is_empty() && found.adequacy.leaves_most() {
+    let added = found.function.is_some() || !found.steps.is_empty();
+    if added && found.adequacy.takes_little_of_negligible() {
+        (found.function, found.unlisted) = (None, None);
+        (found.steps, found.nonparametric) = (Vec::new(), Vec::new());
+        found.last_round = Vec::new();
+        let declared = (&found.base, &found.base);
+        found.adequacy = Adequacy::of(predictor, declared, &search.select, &report);
+    } else if found.function.is_none() && added && found.adequacy.leaves_most() {
         found.withdrawn = std::mem::take(&mut found.steps);
     }
     Some(found)
