@@ -71,6 +71,12 @@ impl OutputErrorModel<'_> {
         block.rows.clone().map(|row| measured[row] - model[row]).collect()
     }
 
+    /// Sum of squared output errors on `blocks` at some values of the parameters. `None` if the
+    /// model cannot be simulated there.
+    pub fn squares(&self, structure: &Structure<'_>, blocks: &[Block], at: &Fitted) -> Option<f64> {
+        Problem::new(self, structure, blocks, at, &[]).here.map(|errors| errors.norm_squared())
+    }
+
     /// Fits amplitudes and shapes on `blocks`, starting from `start`. The terms of the structure
     /// with the indices `without` stay at 0. `None` if the model cannot be simulated at the start.
     pub fn fit(

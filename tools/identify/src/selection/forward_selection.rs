@@ -190,8 +190,14 @@ impl Search<'_> {
             let smoothed = simulation.regression.uses_sign(&current.structure);
             let near = starting_point(&equation_error_fit, &current.fitted, smoothed);
             let fit = |start: &Fitted| simulation.fit(&structure, &self.fit, start, &[]);
-            // What the model without the effect was bent to may lie in another minimum.
-            let fits = [&near, &equation_error_fit].into_iter().filter_map(fit);
+            // What the model without the effect was bent to may lie at another minimum.
+            let squares = |start: &Fitted| simulation.squares(&structure, &self.fit, start);
+            let far = match (squares(&near), squares(&equation_error_fit)) {
+                (Some(near), Some(far)) => far < near,
+                (near, far) => near.is_none() && far.is_some(),
+            };
+            let starts = std::iter::once(&near).chain(far.then_some(&equation_error_fit));
+            let fits = starts.filter_map(fit);
             let fitted = fits.min_by(|a, b| a.fit.squares.total_cmp(&b.fit.squares))?;
             let block_errors = self.predictor.mean_squares(&fitted, &self.select);
             let mut validation = validate(candidate.validation.id, &before, &block_errors);
