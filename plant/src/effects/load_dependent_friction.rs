@@ -46,6 +46,7 @@ effect! {
         columns: Some(|view, _| {
             vec![view.model.iter().zip(view.sign).map(|(f, s)| f.abs() * s).collect()]
         }),
+        force: Some(|now, _, _, out| out[0] = now.load.abs() * now.sign),
         beside_functions: true,
         // The fit's coefficient refers to the force without this friction, the plant's to all
         // that is transmitted.

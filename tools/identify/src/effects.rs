@@ -47,6 +47,7 @@ pub trait Regressor: Sync {
                 position: signals.position[i],
                 velocity: signals.velocity[i],
                 sign: view.sign.get(i).copied().unwrap_or(0.0),
+                load: view.model.get(i).copied().unwrap_or(0.0),
             };
             self.force(&now, shapes, &[], &mut out);
             for (column, value) in columns.iter_mut().zip(&out) {

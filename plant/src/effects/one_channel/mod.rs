@@ -173,4 +173,6 @@ pub struct Instant {
     pub velocity: f64,
     /// Smoothed sign of the velocity.
     pub sign: f64,
+    /// The force that the rest of the model needs (N or N·m); 0 where it is not known.
+    pub load: f64,
 }

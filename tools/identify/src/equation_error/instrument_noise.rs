@@ -3,7 +3,7 @@
 use std::f64::consts::TAU;
 
 use super::block_roles::Block;
-use super::model::{Column, Fitted, RegressionModel};
+use super::model::{Column, Fitted, RegressionModel, Structure};
 use super::signals::ForceBalance;
 use crate::filter::magnitude;
 
@@ -16,11 +16,17 @@ const AT_REST: f64 = 3.0;
 
 impl RegressionModel {
     /// Returns the mean square of the force that noise of the position leaves, over some rows: as
-    /// white noise through the declared mass, damping and stiffness, and the low-pass. 0 where the
-    /// noise is not known.
-    pub fn noise_square(&self, fitted: &Fitted, blocks: &[Block]) -> f64 {
+    /// white noise through mass, damping and stiffness, declared or added, and the low-pass. 0
+    /// where the noise is not known.
+    pub fn noise_square(
+        &self,
+        structure: &Structure<'_>,
+        fitted: &Fitted,
+        blocks: &[Block],
+    ) -> f64 {
         let amplitude = |column: Column| {
-            let at = self.parameters.iter().position(|own| own.column == column);
+            let declared = self.parameters.iter().position(|own| own.column == column);
+            let at = declared.or_else(|| self.place_of(structure, column));
             at.map_or(0.0, |at| fitted.fit.coefficients[at])
         };
         let [mass, damping, stiffness] =
@@ -28,26 +34,37 @@ impl RegressionModel {
         let response = |w: f64| (stiffness - mass * w * w).powi(2) + (damping * w).powi(2);
         let (mut sum, mut rows) = (0.0, 0usize);
         for block in blocks {
-            sum += block.rows.len() as f64 * passed(&self.balances[block.record], response);
+            let balance = &self.balances[block.record];
+            let noise = balance.position_noise_in(&block.rows);
+            sum += block.rows.len() as f64 * passed(balance, noise, response);
             rows += block.rows.len();
         }
         sum / rows.max(1) as f64
+    }
+
+    /// The amplitude of an effect that multiplies what the declared model does not have.
+    fn place_of(&self, structure: &Structure<'_>, column: Column) -> Option<usize> {
+        let at = structure.effects.iter().position(|own| {
+            own.declaration().lifts.map(Column::of) == Some(column) && !self.frees(*own)
+        })?;
+        let before = structure.effects[..at].iter().map(|own| self.terms_of(*own).len());
+        Some(self.parameters.len() + before.sum::<usize>())
     }
 
     /// Whether the machine stands still in a row, as far as the noise of its position tells: dry
     /// friction then takes any value below its limit, and no model says which.
     pub fn at_rest(&self, block: &Block) -> Vec<bool> {
         let balance = &self.balances[block.record];
-        let least = AT_REST * passed(balance, |w| w * w).sqrt();
+        let least = AT_REST * passed(balance, balance.position_noise(), |w| w * w).sqrt();
         let velocity = balance.signals.rows(&balance.signals.velocity);
         velocity[block.rows.clone()].iter().map(|speed| speed.abs() < least).collect()
     }
 }
 
-/// Mean square of the position's noise behind the low-pass and a response, given by its square at
-/// an angular frequency (rad/s).
-fn passed(balance: &ForceBalance, squared_response: impl Fn(f64) -> f64) -> f64 {
-    let density = 2.0 * balance.sampling * balance.position_noise.powi(2);
+/// Mean square of noise of the position of a standard deviation (m or rad) behind the low-pass and
+/// a response, given by its square at an angular frequency (rad/s).
+fn passed(balance: &ForceBalance, noise: f64, squared_response: impl Fn(f64) -> f64) -> f64 {
+    let density = 2.0 * balance.sampling * noise.powi(2);
     let most = (BAND * balance.cut_off).min(0.499 / balance.sampling);
     let step = most / STEPS as f64;
     let at = |index: usize| {
@@ -88,8 +105,10 @@ mod tests {
         let balance = ForceBalance::new("", &time, &position, &position, limit).unwrap();
         let mean_square = |of: &[f64]| of.iter().map(|v| v * v).sum::<f64>() / of.len() as f64;
         let rows = |of: &[f64]| mean_square(&balance.signals.rows(of));
-        let acceleration = rows(&balance.signals.acceleration) / passed(&balance, |w| w.powi(4));
-        let velocity = rows(&balance.signals.velocity) / passed(&balance, |w| w * w);
+        let noise = balance.position_noise();
+        let passed = |response: fn(f64) -> f64| passed(&balance, noise, response);
+        let acceleration = rows(&balance.signals.acceleration) / passed(|w| w.powi(4));
+        let velocity = rows(&balance.signals.velocity) / passed(|w| w * w);
         assert!((acceleration - 1.0).abs() < 0.06, "{acceleration}");
         assert!((velocity - 1.0).abs() < 0.06, "{velocity}");
     }

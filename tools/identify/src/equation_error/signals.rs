@@ -1,6 +1,6 @@
 //! Rows of a regression from measured position and force.
 
-use std::ops::Deref;
+use std::ops::{Deref, Range};
 
 use plant::effects::one_channel::Motion;
 use plant::effects::one_channel::samples::derivatives;
@@ -54,8 +54,9 @@ pub struct ForceBalance {
     pub cut_off: f64,
     /// Time between two samples of the record (s).
     pub sampling: f64,
-    /// Standard deviation of the white noise of the position; 0 where it is not known.
-    pub position_noise: f64,
+    /// Sixth differences of the position as recorded (m or rad), which are its noise, at the full
+    /// rate; none where the noise is not known.
+    pub differences: Vec<f64>,
 }
 
 /// The highest cut-off (Hz), and the largest as a share of the sampling frequency.
@@ -82,7 +83,7 @@ impl ForceBalance {
         let cut_off = limit.highest.min(limit.share * sampling);
         let filter = ZeroPhase::new(cut_off, sampling)?;
         let stride = ((sampling / (ROWS_PER_CUT_OFF * cut_off)).floor() as usize).max(1);
-        let position_noise = white_noise(position);
+        let differences = sixth_differences(position);
         let position = filter.run(position);
         let (velocity, acceleration) = derivatives(&position, step);
         let time = time.to_vec();
@@ -93,7 +94,7 @@ impl ForceBalance {
             filter: Filter::ZeroPhase(filter),
             stride,
         };
-        Some(Self { position_noise, ..Self::of(name, signals, cut_off, step)? })
+        Some(Self { differences, ..Self::of(name, signals, cut_off, step)? })
     }
 
     /// `None` if the signals leave no row.
@@ -105,7 +106,7 @@ impl ForceBalance {
             force,
             cut_off,
             sampling,
-            position_noise: 0.0,
+            differences: Vec::new(),
         })
     }
 
@@ -138,6 +139,19 @@ impl ForceBalance {
             stride: FINER,
         };
         Self::of(name, signals, cut_off, step)
+    }
+
+    /// Standard deviation of the white noise of the position; 0 where it is not known.
+    pub fn position_noise(&self) -> f64 {
+        noise_of(&self.differences)
+    }
+
+    /// The same within some rows: that of a coarse encoder vanishes where nothing moves.
+    pub fn position_noise_in(&self, rows: &Range<usize>) -> f64 {
+        let signals = &self.signals;
+        let sample =
+            |row: usize| (signals.settling + row * signals.stride).min(self.differences.len());
+        noise_of(&self.differences[sample(rows.start)..sample(rows.end)])
     }
 
     /// Number of rows of the regression.
@@ -214,11 +228,21 @@ impl Signals {
 /// Returns the standard deviation of the white noise of a signal: of its sixth differences over
 /// their gain for white noise. Movements below a twentieth of the sampling frequency lose all but a
 /// thousandth.
+#[cfg(test)]
 pub fn white_noise(signal: &[f64]) -> f64 {
+    noise_of(&sixth_differences(signal))
+}
+
+fn sixth_differences(signal: &[f64]) -> Vec<f64> {
     let mut left = signal.to_vec();
     for _ in 0..ORDER {
         left = left.windows(2).map(|pair| pair[1] - pair[0]).collect();
     }
-    let squares: f64 = left.iter().map(|value| value * value).sum();
-    (squares / left.len().max(1) as f64 / GAIN_SQUARED).sqrt()
+    left
+}
+
+/// Returns the standard deviation of the white noise of which these are the sixth differences.
+fn noise_of(differences: &[f64]) -> f64 {
+    let squares: f64 = differences.iter().map(|value| value * value).sum();
+    (squares / differences.len().max(1) as f64 / GAIN_SQUARED).sqrt()
 }

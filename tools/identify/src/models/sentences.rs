@@ -59,7 +59,7 @@ pub(crate) fn sentences(outcome: &Outcome, located: bool) -> (Tone, String, Stri
     match &outcome.unlisted {
         _ if !outcome.remains || outcome.verdict == Verdict::Unlisted => {}
         None if !located && outcome.effects.is_empty() => {}
-        None if !located => {
+        None if !located && more_show(outcome) => {
             detail += " More than three effects show; the others are listed under “What is left”.";
         }
         unlisted => {
@@ -73,6 +73,12 @@ pub(crate) fn sentences(outcome: &Outcome, located: bool) -> (Tone, String, Stri
         }
     }
     (tone, sentence, detail)
+}
+
+/// Whether an effect passes beside those that are named.
+fn more_show(outcome: &Outcome) -> bool {
+    let after = outcome.effects.len() + 1;
+    outcome.candidates.iter().any(|own| own.round == after && !own.generic && own.accepted)
 }
 
 /// Which parameters ended at the bounds of their tolerances, and how much of the error the

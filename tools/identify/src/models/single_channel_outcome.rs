@@ -34,9 +34,11 @@ fn outcome(study: &Study<'_>) -> Outcome {
     let regression = predictor.regression();
     let contested = found.steps.iter().rev().find(|step| !step.rivals.is_empty());
     let rivals: &[SitedEffect] = contested.map_or(&[], |step| &step.rivals);
-    // With three effects in the model, a fourth that passes remains unexplained, too.
+    // With three effects in the model, a fourth that passes remains unexplained, too; so does a
+    // large error that is no noise.
     let remains = found.unlisted.is_some()
         || found.is_inadequate()
+        || found.leaves_coloured()
         || found.last_round.iter().any(|t| t.validation.accepted);
     let verdict = match (&found.function, found.is_inadequate()) {
         // A small error would not tell whether an effect is missing: these records have no floor.

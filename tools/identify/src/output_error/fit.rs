@@ -71,6 +71,12 @@ impl OutputErrorModel<'_> {
         block.rows.clone().map(|row| measured[row] - model[row]).collect()
     }
 
+    /// Sum of squared output errors on `blocks` at some values of the parameters. `None` if the
+    /// model cannot be simulated there.
+    pub fn squares(&self, structure: &Structure<'_>, blocks: &[Block], at: &Fitted) -> Option<f64> {
+        Problem::new(self, structure, blocks, at, &[]).here.map(|errors| errors.norm_squared())
+    }
+
     /// Fits amplitudes and shapes on `blocks`, starting from `start`. The terms of the structure
     /// with the indices `without` stay at 0. `None` if the model cannot be simulated at the start.
     pub fn fit(
@@ -206,7 +212,12 @@ impl<'a> Problem<'a> {
                 (coefficients.as_slice()[at..at + terms].to_vec(), shapes[place].to_vec());
             at += terms;
             if effect.declaration().uses_sign {
-                dry += amplitudes.iter().map(|a| a.abs()).sum::<f64>();
+                // Friction in proportion to the load counts at its largest.
+                let load = match effect.declaration().uses_model {
+                    true => regression.axis.force_peak,
+                    false => 1.0,
+                };
+                dry += load * amplitudes.iter().map(|a| a.abs()).sum::<f64>();
             }
             match (effect.is_force(), effect.declaration().deliver) {
                 _ if terms == 0 => {}

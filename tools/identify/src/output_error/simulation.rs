@@ -17,6 +17,9 @@ const ANGLE_PER_STEP: f64 = 0.3;
 /// Largest number of terms of one effect or nonparametric function.
 const TERMS: usize = 32;
 
+/// Least share of the input in the load: friction in proportion to the load cannot exceed it.
+const LEAST_SHARE: f64 = 0.05;
+
 /// An effect as a force, with its parameters.
 #[derive(Clone)]
 pub struct Force<'a> {
@@ -73,15 +76,26 @@ impl Oscillator<'_> {
         self.forces.iter().map(|force| force.effect.declaration().states).sum()
     }
 
+    /// The force `f` that the machine without dry friction takes of the input, with dry friction
+    /// `c s` and `μ |f| s`: `f = (input - c s) / (1 ± μ s)`, with the sign of the numerator.
+    fn load(&self, now: &Instant, input: f64, terms: &mut [f64; TERMS]) -> f64 {
+        let taken = input - self.coulomb * now.sign;
+        let mut share = 0.0;
+        for Force { effect, amplitudes, shapes } in &self.forces {
+            if effect.declaration().uses_model {
+                effect.force(&Instant { load: 1.0, ..*now }, shapes, &[], terms);
+                share += amplitudes.iter().zip(terms.iter()).map(|(a, f)| a * f).sum::<f64>();
+            }
+        }
+        taken / (1.0 + share * taken.signum()).max(LEAST_SHARE)
+    }
+
     /// `terms` is scratch memory, which is not cleared at each call.
     fn rate(&self, time: f64, input: f64, state: &State, terms: &mut [f64; TERMS]) -> State {
         let (position, velocity) = (state[0], state[1]);
-        let now = Instant {
-            time,
-            position,
-            velocity,
-            sign: self.smoothing.map_or(0.0, |s| (velocity / s).tanh()),
-        };
+        let sign = self.smoothing.map_or(0.0, |s| (velocity / s).tanh());
+        let mut now = Instant { time, position, velocity, sign, load: 0.0 };
+        now.load = self.load(&now, input, terms);
         let mut force = self.damping * velocity
             + self.stiffness * position
             + self.coulomb * now.sign
@@ -159,6 +173,7 @@ pub fn can_simulate(effect: &dyn Regressor) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::effects::find;
 
     fn plain(damping: f64) -> Oscillator<'static> {
         let forces = Vec::new();
@@ -205,6 +220,19 @@ mod tests {
         let input = Input { values: vec![0.0; 20_001], steps: 1, step: 0.01, start: 0.0 };
         assert!(plain(-1.0).run(&input, (0.02, 0.0), 10.0).is_none());
         assert!(plain(1.0).run(&input, (0.02, 0.0), 10.0).is_some());
+    }
+
+    #[test]
+    fn friction_in_proportion_to_the_load_takes_its_share_of_the_input() {
+        let effect = find("load_dependent_friction").unwrap();
+        let forces = vec![Force { effect, amplitudes: vec![0.25], shapes: Vec::new() }];
+        let loaded = Oscillator { coulomb: 1.0, forces, ..plain(1.0) };
+        let now = |sign| Instant { time: 0.0, position: 0.0, velocity: 0.0, sign, load: 0.0 };
+        for (sign, input) in [(1.0, 6.0), (1.0, -6.0), (-1.0, 6.0), (-1.0, -6.0)] {
+            let load = loaded.load(&now(sign), input, &mut [0.0; TERMS]);
+            let needed = load + 0.25 * load.abs() * sign + sign;
+            assert!((needed - input).abs() < 1e-12, "{sign} {input}: {load}");
+        }
     }
 
     #[test]

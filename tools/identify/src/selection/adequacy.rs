@@ -2,6 +2,7 @@
 
 use super::candidates::FittedModel;
 use super::predictor::Predictor;
+use super::validation::{LEAST_OF_NEGLIGIBLE_PERCENT, NEGLIGIBLE_PERCENT};
 use crate::equation_error::block_roles::Block;
 
 /// An error below this share of the channel (%) is adequate for any use of the model.
@@ -17,12 +18,15 @@ const LARGE_PERCENT: f64 = 30.0;
 /// Largest correlation of residuals one period of the cut-off apart, beyond what the low-pass
 /// leaves between them.
 const MOST_CORRELATION: f64 = 0.3;
+/// Longest lag at which residuals are compared, in periods of the cut-off: what a machine leaves
+/// may be uncorrelated at one lag, as a wave is a quarter of its period apart.
+const LAGS: f64 = 4.0;
 
 /// Least share of a squared error that counts as beyond the noise.
 const LEAST_BEYOND: f64 = 1e-6;
 /// Largest share of the squared error that may be noise of the position where the rest is judged:
 /// noise of the acceleration is coloured.
-const MOST_NOISE: f64 = 0.5;
+pub(super) const MOST_NOISE: f64 = 0.5;
 
 /// Least such share that is told.
 const LEAST_NOTED: f64 = 0.1;
@@ -31,6 +35,9 @@ const LEAST_NOTED: f64 = 0.1;
 /// the model, and all rows otherwise: at rest dry friction takes any value below its limit.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Adequacy {
+    /// Error of the declared model in percent of the channel's root mean square, on the selection
+    /// or the reporting rows, whichever is larger.
+    pub declared_percent: f64,
     /// Error in percent of the channel's root mean square, on the selection rows.
     pub selected_percent: f64,
     /// The same on the reporting rows.
@@ -46,8 +53,8 @@ pub struct Adequacy {
     pub left_reported: f64,
     /// Share of the squared error of the moving reporting rows that noise of the position leaves.
     pub noise_share: f64,
-    /// Median over the reporting blocks of the correlation of residuals one period of the cut-off
-    /// apart, in moving rows; 0 for white ones.
+    /// Largest correlation, as a median over the reporting blocks, of residuals that lie one to
+    /// [`LAGS`] periods of the cut-off apart, in moving rows; near 0 for white ones.
     pub correlation: f64,
 }
 
@@ -66,7 +73,7 @@ impl Adequacy {
         let share = |blocks: &[Block]| {
             let [before, after] = [declared, last].map(|model| {
                 let square = mean_square(&moving(model, blocks));
-                let noise = predictor.noise_square(&model.fitted, blocks);
+                let noise = predictor.noise_square(&model.structure, &model.fitted, blocks);
                 (square, (square - noise).max(LEAST_BEYOND * square).max(f64::MIN_POSITIVE))
             });
             let (error, size) = predictor.error(&last.fitted, blocks);
@@ -76,11 +83,13 @@ impl Adequacy {
         };
         let (selected_percent, selected_moving_percent, left_selected, _) = share(select);
         let (reported_percent, reported_moving_percent, left_reported, noise_share) = share(report);
-        let mut correlations: Vec<f64> =
-            moving(last, report).iter().map(|own| own.correlation).collect();
-        correlations.sort_by(f64::total_cmp);
-        let correlation = correlations.get(correlations.len() / 2).copied().unwrap_or(0.0);
+        let correlation = largest_correlation(&moving(last, report));
+        let percent = |blocks: &[Block]| {
+            let (error, size) = predictor.error(&declared.fitted, blocks);
+            100.0 * error / size.max(f64::MIN_POSITIVE)
+        };
         Self {
+            declared_percent: percent(select).max(percent(report)),
             selected_percent,
             reported_percent,
             selected_moving_percent,
@@ -90,6 +99,18 @@ impl Adequacy {
             noise_share,
             correlation,
         }
+    }
+
+    /// Whether the declared model leaves so little that it is adequate for any use.
+    pub(super) fn is_negligible(&self) -> bool {
+        self.declared_percent < NEGLIGIBLE_PERCENT
+    }
+
+    /// Whether so little was left, and what was added takes less of it on the reporting rows than
+    /// it had to on the selection rows.
+    pub(super) fn takes_little_of_negligible(&self) -> bool {
+        let most_left = (1.0 - 0.01 * LEAST_OF_NEGLIGIBLE_PERCENT).powi(2);
+        self.is_negligible() && self.left_reported > most_left
     }
 
     /// Whether the effects leave most of a large error.
@@ -139,8 +160,8 @@ struct Moving {
     rows: usize,
     /// Sum of squares.
     square: f64,
-    /// Correlation of residuals one period of the cut-off apart.
-    correlation: f64,
+    /// Correlations of residuals at lags from one to [`LAGS`] periods of the cut-off.
+    correlations: Vec<f64>,
 }
 
 impl Moving {
@@ -159,14 +180,27 @@ impl Moving {
             }
         }
         let balance = &predictor.regression().balances[block.record];
-        let lag = (1.0 / balance.cut_off / balance.row_step()).ceil() as usize;
+        let period = 1.0 / balance.cut_off / balance.row_step();
+        let lags = period.ceil() as usize..=(LAGS * period).ceil() as usize;
         // Without the block's own mean: an error that is constant over a block is no noise.
         let product = |lag: usize| -> f64 {
             residual.iter().zip(residual.iter().skip(lag)).map(|(a, b)| a * b).sum()
         };
         let square = product(0);
-        Self { rows, square, correlation: product(lag) / square.max(f64::MIN_POSITIVE) }
+        let correlations = lags.map(|lag| product(lag) / square.max(f64::MIN_POSITIVE)).collect();
+        Self { rows, square, correlations }
     }
+}
+
+/// The largest, by magnitude, of the medians over the blocks of the correlations at each lag.
+fn largest_correlation(blocks: &[Moving]) -> f64 {
+    let lags = blocks.iter().map(|own| own.correlations.len()).min().unwrap_or(0);
+    let median = |lag: usize| {
+        let mut values: Vec<f64> = blocks.iter().map(|own| own.correlations[lag]).collect();
+        values.sort_by(f64::total_cmp);
+        values.get(values.len() / 2).copied().unwrap_or(0.0)
+    };
+    (0..lags).map(|lag| median(lag).abs()).fold(0.0, f64::max)
 }
 
 /// Mean square over the moving rows of some blocks; 0 where none moves.
@@ -194,6 +228,32 @@ mod tests {
         assert!(!at_rest.is_coloured());
         assert_eq!((coloured.notes().len(), at_rest.notes().len()), (1, 1));
         assert!(at_rest.notes()[0].contains("moves the error is 3.0 %"), "{:?}", at_rest.notes());
+    }
+
+    #[test]
+    fn a_wave_is_coloured_though_it_is_uncorrelated_at_one_lag() {
+        let block = |correlations: &[f64]| Moving {
+            rows: 100,
+            square: 1.0,
+            correlations: correlations.to_vec(),
+        };
+        // A quarter of the wave's period lies between the first two lags.
+        let wave = [block(&[0.0, -0.5, 0.0]), block(&[0.1, -0.6, 0.1]), block(&[-0.1, -0.4, 0.0])];
+        assert!((largest_correlation(&wave) - 0.5).abs() < 1e-12);
+        // What is correlated in one block alone is chance.
+        let white = [block(&[0.0, 0.1]), block(&[0.9, -0.1]), block(&[0.05, 0.0])];
+        assert!(largest_correlation(&white) < 0.1);
+        assert_eq!(largest_correlation(&[]), 0.0);
+    }
+
+    #[test]
+    fn of_a_negligible_error_a_good_part_must_be_explained_on_the_reporting_rows_too() {
+        let takes_little = |declared_percent: f64, left_reported: f64| {
+            Adequacy { declared_percent, left_reported, ..Adequacy::default() }
+                .takes_little_of_negligible()
+        };
+        assert!(takes_little(1.4, 0.86));
+        assert!(!takes_little(1.4, 0.3) && !takes_little(5.0, 0.86));
     }
 
     #[test]

@@ -25,6 +25,9 @@ use crate::output_error::simulation::can_simulate;
 const MOST_EFFECTS: usize = 3;
 /// Most steps: an effect that may repeat, as waves of several orders, counts once.
 const MOST_STEPS: usize = 6;
+/// Largest mean square of a block's noise, as a multiple of the expected one: band-limited noise of
+/// 16 periods scatters by a quarter, and that of a coarse encoder is not quite white.
+const MOST_OF_NOISE: f64 = 2.0;
 /// Number of screened candidates that are simulated.
 const REFINED: usize = 4;
 
@@ -108,13 +111,39 @@ impl Search<'_> {
             fitted = regression.fit(&structure, &self.fit, &fitted.shapes, shape_search)?;
         }
         let block_errors = self.screening().mean_squares(&fitted, &self.select);
-        let mut validation = validate(sited.effect.id, before, &block_errors);
-        validation.exclude_if(
-            regression.sampling_delay(&structure, &fitted).is_some()
-                || regression.shape_at_end(&structure, &fitted),
-        );
         let model = FittedModel { structure, fitted, equation_error_fit: None };
+        let beyond_noise =
+            self.beyond_noise_of_position((current, before), (&model, &block_errors));
+        let mut validation = validate(sited.effect.id, before, &beyond_noise);
+        let FittedModel { structure, fitted, .. } = &model;
+        validation.exclude_if(
+            regression.sampling_delay(structure, fitted).is_some()
+                || regression.shape_at_end(structure, fitted),
+        );
         Some(FittedCandidate { sited, validation, model, block_errors, screened_only: false })
+    }
+
+    /// The mean squared residuals of a candidate, without what noise of the position adds to them:
+    /// a mass brings that of the acceleration into blocks in which nothing accelerates. This undoes
+    /// deteriorations alone, since an improvement must show in spite of the noise.
+    fn beyond_noise_of_position(
+        &self,
+        (current, before): (&FittedModel<'_>, &[f64]),
+        (candidate, after): (&FittedModel<'_>, &[f64]),
+    ) -> Vec<f64> {
+        let regression = self.predictor.regression();
+        let noise = |model: &FittedModel<'_>, block: &Block| {
+            let block = std::slice::from_ref(block);
+            regression.noise_square(&model.structure, model.equation_error_fit(), block)
+        };
+        let beyond = |((block, before), after): ((&Block, &f64), &f64)| {
+            if after <= before {
+                return *after;
+            }
+            let added = (noise(candidate, block) - noise(current, block)).max(0.0);
+            (after - MOST_OF_NOISE * added).max(*before)
+        };
+        self.select.iter().zip(before).zip(after).map(beyond).collect()
     }
 
     /// Tries every candidate, in parallel on the current thread pool; best first.
@@ -159,8 +188,17 @@ impl Search<'_> {
             }
             let FittedModel { structure, fitted: equation_error_fit, .. } = candidate.model.clone();
             let smoothed = simulation.regression.uses_sign(&current.structure);
-            let start = starting_point(&equation_error_fit, &current.fitted, smoothed);
-            let fitted = simulation.fit(&structure, &self.fit, &start, &[])?;
+            let near = starting_point(&equation_error_fit, &current.fitted, smoothed);
+            let fit = |start: &Fitted| simulation.fit(&structure, &self.fit, start, &[]);
+            // What the model without the effect was bent to may lie at another minimum.
+            let squares = |start: &Fitted| simulation.squares(&structure, &self.fit, start);
+            let far = match (squares(&near), squares(&equation_error_fit)) {
+                (Some(near), Some(far)) => far < near,
+                (near, far) => near.is_none() && far.is_some(),
+            };
+            let starts = std::iter::once(&near).chain(far.then_some(&equation_error_fit));
+            let fits = starts.filter_map(fit);
+            let fitted = fits.min_by(|a, b| a.fit.squares.total_cmp(&b.fit.squares))?;
             let block_errors = self.predictor.mean_squares(&fitted, &self.select);
             let mut validation = validate(candidate.validation.id, &before, &block_errors);
             validation

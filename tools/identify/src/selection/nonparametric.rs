@@ -2,11 +2,13 @@
 
 use std::sync::Arc;
 
+use super::adequacy::MOST_NOISE;
 use super::candidates::FittedModel;
 use super::forward_selection::{Search, starting_point};
 use super::predictor::Predictor;
 use super::validation::{LEAST_T, Validation, validate};
 use crate::effects::Regressor;
+use crate::equation_error::block_roles::Block;
 use crate::equation_error::fit::ShapeSearch;
 use crate::equation_error::model::{Fitted, Structure};
 use crate::equation_error::spline::{Spline, Variable};
@@ -63,14 +65,37 @@ impl Search<'_> {
         Spline::over(variable, values)
     }
 
+    /// Whether most of what a model leaves on the selecting rows is noise of the position, over
+    /// which a function of the acceleration bends.
+    pub(super) fn leaves_noise_of_position(&self, model: &FittedModel<'_>) -> bool {
+        let (error, _) = self.predictor.error(&model.fitted, &self.select);
+        let noise = self.predictor.noise_square(&model.structure, &model.fitted, &self.select);
+        noise > MOST_NOISE * error * error
+    }
+
+    /// Mean squared residuals of a model without what noise of the position leaves.
+    pub(super) fn less_noise_of_position(
+        &self,
+        model: &FittedModel<'_>,
+        errors: &[f64],
+    ) -> Vec<f64> {
+        let less = |(block, error): (&Block, &f64)| {
+            let block = std::slice::from_ref(block);
+            let noise = self.predictor.noise_square(&model.structure, &model.fitted, block);
+            (error - noise).max(0.0)
+        };
+        self.select.iter().zip(errors).map(less).collect()
+    }
+
     /// Fits nonparametric functions of one variable to the residual; best first.
     pub(super) fn nonparametric(&self, current: &FittedModel<'_>) -> Vec<NonparametricFit> {
         let least_percent = self.least_percent(&current.fitted);
+        let noisy = self.leaves_noise_of_position(current);
         let one = |variable: Variable| {
             let mut one = self.nonparametric_in(current, variable)?;
             one.validation.accepted &= one.validation.gain_percent >= least_percent;
             let small = one.validation.gain_percent < LEAST_OF_ACCELERATION_PERCENT;
-            one.validation.exclude_if(variable == Variable::Acceleration && small);
+            one.validation.exclude_if(variable == Variable::Acceleration && (small || noisy));
             Some(one)
         };
         let mut tried: Vec<NonparametricFit> = Variable::ALL.into_iter().filter_map(one).collect();

@@ -74,9 +74,14 @@ impl Predictor<'_> {
 
     /// Mean square of the error that noise of the measured position leaves, over some blocks; 0
     /// where the output is simulated.
-    pub fn noise_square(&self, fitted: &Fitted, blocks: &[Block]) -> f64 {
+    pub fn noise_square(
+        &self,
+        structure: &Structure<'_>,
+        fitted: &Fitted,
+        blocks: &[Block],
+    ) -> f64 {
         match self {
-            Self::EquationError(regression) => regression.noise_square(fitted, blocks),
+            Self::EquationError(regression) => regression.noise_square(structure, fitted, blocks),
             Self::OutputError(_) => 0.0,
         }
     }

@@ -76,6 +76,12 @@ impl<'f> SearchResult<'f> {
         self.leaves_too_much() || self.unsettled().is_some()
     }
 
+    /// Whether effects were added beside which a large error is left that is no noise: they explain
+    /// a part of what is missing, or something similar is.
+    pub fn leaves_coloured(&self) -> bool {
+        !self.steps.is_empty() && self.adequacy.is_coloured()
+    }
+
     /// Whether nothing was added, and effects that were withdrawn leave most of a large error, or
     /// the declared model leaves a large error that is no noise.
     fn leaves_too_much(&self) -> bool {
@@ -88,7 +94,8 @@ impl<'f> SearchResult<'f> {
     /// pass, where nothing was added for another reason: neither that it is missing nor that
     /// nothing is can be said then.
     pub fn unsettled(&self) -> Option<&Validation> {
-        if !self.steps.is_empty() || self.unlisted.is_some() || self.leaves_too_much() {
+        let found = !self.steps.is_empty() || self.unlisted.is_some();
+        if found || self.leaves_too_much() || self.adequacy.is_negligible() {
             return None;
         }
         let listed = self.last_round.iter().filter(|own| !own.screened_only);
@@ -161,7 +168,14 @@ pub fn search<'f>(
     found.unlisted = found.unlisted.or_else(|| best.map(|best| best.unlisted.clone()));
     let report = blocks_of_role(blocks, Role::Report);
     found.adequacy = Adequacy::of(predictor, (&found.base, found.last()), &search.select, &report);
-    if found.function.is_none() && !found.steps.is_empty() && found.adequacy.leaves_most() {
+    let added = found.function.is_some() || !found.steps.is_empty();
+    if added && found.adequacy.takes_little_of_negligible() {
+        (found.function, found.unlisted) = (None, None);
+        (found.steps, found.nonparametric) = (Vec::new(), Vec::new());
+        found.last_round = Vec::new();
+        let declared = (&found.base, &found.base);
+        found.adequacy = Adequacy::of(predictor, declared, &search.select, &report);
+    } else if found.function.is_none() && added && found.adequacy.leaves_most() {
         found.withdrawn = std::mem::take(&mut found.steps);
     }
     Some(found)
@@ -195,7 +209,8 @@ impl<'a> Search<'a> {
     /// The declared model with the nonparametric function that takes the place of listed effects,
     /// and effects beside it. It does where it explains clearly more than the listed effects alone;
     /// or where it explains as much, and a function of the same variable takes a good part of what
-    /// the listed effects leave.
+    /// the listed effects leave. What noise of the position leaves of the listed effects is not
+    /// there to be explained.
     fn beside_function<'f>(
         &self,
         base: &FittedModel<'f>,
@@ -212,7 +227,8 @@ impl<'a> Search<'a> {
         let before = self.relative_errors(listed.last(base));
         let takes_much =
             |own: &Validation| own.accepted && own.gain_percent >= LEAST_FUNCTION_PERCENT;
-        let (chosen, beside) = if takes_much(&validate("", &before, &best.errors)) {
+        let beyond_noise = self.less_noise_of_position(listed.last(base), &before);
+        let (chosen, beside) = if takes_much(&validate("", &beyond_noise, &best.errors)) {
             (Some(best.function.variable()), None)
         } else {
             let beside = self.nonparametric(listed.last(base));

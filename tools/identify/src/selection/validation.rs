@@ -13,9 +13,9 @@ pub const LEAST_T: f64 = 2.5;
 
 /// An error below this share of the channel (%) is negligible: only what takes
 /// [`LEAST_OF_NEGLIGIBLE_PERCENT`] of it is worth a name.
-const NEGLIGIBLE_PERCENT: f64 = 3.0;
+pub(super) const NEGLIGIBLE_PERCENT: f64 = 3.0;
 /// Least relative decrease of a negligible error (%).
-const LEAST_OF_NEGLIGIBLE_PERCENT: f64 = 30.0;
+pub(super) const LEAST_OF_NEGLIGIBLE_PERCENT: f64 = 30.0;
 
 /// The least decrease (%) that is accepted of an error of so many percent of the channel.
 pub(super) fn least_percent(error_percent: f64) -> f64 {
