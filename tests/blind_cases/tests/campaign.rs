@@ -35,8 +35,13 @@ fn campaign(folder: &Path, arguments: &[&str]) -> Result<(String, String), Strin
     if output.status.success() { Ok((out, said)) } else { Err(said) }
 }
 
-/// A campaign of clean cases.
+/// A campaign of clean cases that ends well.
 fn clean(folder: &Path, cases: usize, more: &[&str]) -> (String, String) {
+    try_clean(folder, cases, more).unwrap()
+}
+
+/// A campaign of clean cases.
+fn try_clean(folder: &Path, cases: usize, more: &[&str]) -> Result<(String, String), String> {
     let cases = cases.to_string();
     let rig = folder.join("rig.toml");
     if !rig.exists() {
@@ -55,7 +60,7 @@ fn clean(folder: &Path, cases: usize, more: &[&str]) -> (String, String) {
         "--farreach",
         "./answers",
     ];
-    campaign(folder, &[&arguments[..], &["--rig", "rig.toml"], more].concat()).unwrap()
+    campaign(folder, &[&arguments[..], &["--rig", "rig.toml"], more].concat())
 }
 
 fn lines(folder: &Path) -> Vec<Value> {
@@ -70,6 +75,21 @@ fn write_lines(folder: &Path, lines: &[Value]) {
 
 fn table(folder: &Path) -> Value {
     serde_json::from_str(&fs::read_to_string(folder.join("table.json")).unwrap()).unwrap()
+}
+
+#[test]
+fn a_case_whose_program_was_ended_from_outside_is_not_counted_and_a_crash_is() {
+    let ended_by = |signal: &str| {
+        format!("[ \"$1\" = --version ] && echo 'farreach 9' && exit; kill -{signal} $$")
+    };
+    let folder = tempfile::tempdir().unwrap();
+    program(folder.path(), &ended_by("KILL"));
+    let said = try_clean(folder.path(), 1, &[]).unwrap_err();
+    assert!(said.contains("signal 9") && said.contains("not counted"), "{said}");
+    assert!(lines(folder.path()).is_empty());
+    program(folder.path(), &ended_by("ABRT"));
+    let (text, _) = clean(folder.path(), 1, &[]);
+    assert!(text.contains("a verdict at all") && text.contains("0 of 1"), "{text}");
 }
 
 #[test]

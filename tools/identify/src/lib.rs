@@ -17,6 +17,7 @@ pub mod deadline;
 pub mod effects;
 pub mod equation_error;
 pub mod error;
+pub mod estimate_correlation;
 pub mod filter;
 pub mod input;
 pub mod models;

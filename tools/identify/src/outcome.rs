@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use serde::Serialize;
 
 use crate::correlation::ResidualTests;
+use crate::estimate_correlation::EstimateCorrelation;
 
 /// The verdict.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -123,6 +124,8 @@ pub struct Outcome {
     pub residual_tests: BTreeMap<String, ResidualTests>,
     /// Declared parameters, as fitted beside the effects.
     pub parameters: Vec<FittedParameter>,
+    /// Estimates, of effects too, whose errors are strongly correlated, the strongest first.
+    pub correlations: Vec<EstimateCorrelation>,
     /// Those that ended at the bounds of their tolerances; left out if none did.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub at_bounds: Option<AtBounds>,

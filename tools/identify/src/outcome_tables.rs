@@ -81,6 +81,15 @@ pub(crate) fn parameters(outcome: &Outcome) -> Table {
     table
 }
 
+/// Estimates that are strongly correlated.
+pub(crate) fn correlations(outcome: &Outcome) -> Table {
+    let rows = outcome.correlations.iter().map(|own| {
+        let [first, second] = own.parameters.clone();
+        [first, second, format!("{:.2}", own.coefficient)]
+    });
+    Table::new(["estimate", "and", "correlation"]).rows(rows)
+}
+
 /// Four significant digits.
 pub(crate) fn short(value: f64) -> String {
     if value == 0.0 || !value.is_finite() {

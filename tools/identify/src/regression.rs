@@ -2,6 +2,8 @@
 
 use nalgebra::{DMatrix, DVector};
 
+use crate::estimate_correlation;
+
 /// Sums of products over a set of rows: sufficient for a fit, and additive over sets.
 #[derive(Clone, Debug)]
 pub struct Gram {
@@ -127,12 +129,22 @@ fn solve_free(a: &DMatrix<f64>, b: &DVector<f64>, fixed: &[Option<f64>]) -> Opti
     Some(x)
 }
 
-/// Standard deviations by the cluster sandwich of Liang and Zeger (1986): residuals may be
+/// How far estimated coefficients may be off.
+#[derive(Clone, Debug)]
+pub struct Uncertainty {
+    /// Standard deviation of each.
+    pub std: Vec<f64>,
+    /// Correlation of each with each; 0 for those at a bound.
+    pub correlation: DMatrix<f64>,
+}
+
+/// Uncertainty by the cluster sandwich of Liang and Zeger (1986): residuals may be
 /// correlated in any way within a cluster (after a low-pass they are) and have any variance;
 /// clusters are independent. `scores` holds `Xᵀe` of each cluster. Coefficients at a bound get 0.
-pub fn standard_deviations(gram: &Gram, fit: &Fit, scores: &[DVector<f64>]) -> Vec<f64> {
+pub fn uncertainty(gram: &Gram, fit: &Fit, scores: &[DVector<f64>]) -> Uncertainty {
     let free: Vec<usize> = (0..fit.at_bound.len()).filter(|&i| !fit.at_bound[i]).collect();
-    let mut out = vec![0.0; fit.at_bound.len()];
+    let count = fit.at_bound.len();
+    let (mut std, mut correlation) = (vec![0.0; count], DMatrix::zeros(count, count));
     let scale: Vec<f64> =
         free.iter().map(|&i| gram.xx[(i, i)].sqrt().max(f64::MIN_POSITIVE)).collect();
     let k = free.len();
@@ -140,7 +152,7 @@ pub fn standard_deviations(gram: &Gram, fit: &Fit, scores: &[DVector<f64>]) -> V
         gram.xx[(free[i], free[j])] / (scale[i] * scale[j]) + if i == j { RIDGE } else { 0.0 }
     });
     let Some(bread) = bread.cholesky().map(|c| c.inverse()) else {
-        return vec![f64::INFINITY; fit.at_bound.len()];
+        return Uncertainty { std: vec![f64::INFINITY; count], correlation };
     };
     let mut meat = DMatrix::zeros(k, k);
     for score in scores {
@@ -150,10 +162,14 @@ pub fn standard_deviations(gram: &Gram, fit: &Fit, scores: &[DVector<f64>]) -> V
     let g = scores.len() as f64;
     let small_sample = if g > k as f64 + 1.0 { g / (g - k as f64) } else { f64::INFINITY };
     let covariance = &bread * meat * &bread * small_sample;
+    let of_free = estimate_correlation::correlation(&covariance);
     for (i, &index) in free.iter().enumerate() {
-        out[index] = covariance[(i, i)].max(0.0).sqrt() / scale[i];
+        std[index] = covariance[(i, i)].max(0.0).sqrt() / scale[i];
+        for (j, &other) in free.iter().enumerate() {
+            correlation[(index, other)] = of_free[(i, j)];
+        }
     }
-    out
+    Uncertainty { std, correlation }
 }
 
 #[cfg(test)]
@@ -221,7 +237,7 @@ mod tests {
         let mean = values.iter().sum::<f64>() / 20.0;
         let expected =
             (values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / 19.0 / 20.0).sqrt();
-        let std = standard_deviations(&g, &fit, &scores)[0];
+        let std = uncertainty(&g, &fit, &scores).std[0];
         assert!((std / expected - 1.0).abs() < 0.01, "{std} {expected}");
     }
 }

@@ -14,6 +14,7 @@
 use std::collections::HashSet;
 use std::fs::{self, File, OpenOptions};
 use std::io::Write;
+use std::os::unix::process::ExitStatusExt as _;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::sync::Arc;
@@ -30,6 +31,10 @@ use blind_cases::rules::Rules;
 use blind_cases::score::{Answer, End, Run, Score, score, score_one_channel};
 use blind_cases::table::table;
 use clap::Parser;
+use signal_hook::consts::{SIGHUP, SIGINT, SIGKILL, SIGTERM};
+
+/// Signals by which a program is ended from outside.
+const ENDED: [i32; 4] = [SIGHUP, SIGINT, SIGKILL, SIGTERM];
 
 /// Scores `farreach identify` on blind cases.
 #[derive(Parser)]
@@ -182,7 +187,7 @@ fn run(args: &Args, mut results: Results) -> anyhow::Result<(Configuration, Vec<
         );
     }
     let stop = Arc::new(AtomicBool::new(false));
-    for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
+    for signal in [SIGINT, SIGTERM] {
         signal_hook::flag::register(signal, stop.clone())?;
     }
     run_all(args, &configuration, &mut scores, &stop)?;
@@ -375,6 +380,14 @@ fn identify(
         }
         std::thread::sleep(Duration::from_millis(20));
     };
+    // Somebody ended it: that says nothing of the program, whereas a crash does.
+    if let Some(signal) =
+        status.and_then(|status| status.signal()).filter(|own| ENDED.contains(own))
+    {
+        bail!(
+            "identify was ended by signal {signal}; the case is not counted, start again to resume"
+        );
+    }
     let seconds = started.elapsed().as_secs_f64();
     let message = |failed: bool| {
         let text = fs::read_to_string(said).unwrap_or_default();

@@ -8,7 +8,7 @@ use super::block_roles::Block;
 use super::grid_prescreen::grid_prescreen;
 use super::model::{Fitted, RegressionModel, Structure, residual};
 use crate::effects::Shape;
-use crate::regression::{Bound, Fit, solve, standard_deviations};
+use crate::regression::{Bound, Fit, Uncertainty, solve, uncertainty};
 
 /// Shortest cluster of the sandwich covariance (s).
 const CLUSTER_S: f64 = 0.2;
@@ -54,8 +54,8 @@ impl RegressionModel {
         let gram = self.gram(&columns, blocks);
         let fit = solve(&gram, &bounds)?;
         let scores = self.scores(&columns, &fit, blocks);
-        let std = standard_deviations(&gram, &fit, &scores);
-        Some(Fitted { fit, std, shapes: values, columns, outputs: Vec::new() })
+        let Uncertainty { std, correlation } = uncertainty(&gram, &fit, &scores);
+        Some(Fitted { fit, std, correlation, shapes: values, columns, outputs: Vec::new() })
     }
 
     /// The best point of the grid over all shapes that are not known, and over the smoothing speed

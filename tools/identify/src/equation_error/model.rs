@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 use std::sync::Arc;
 
-use nalgebra::DVector;
+use nalgebra::{DMatrix, DVector};
 
 use super::block_roles::Block;
 use super::signals::{ForceBalance, Signals};
@@ -103,6 +103,8 @@ pub struct Fitted {
     pub fit: Fit,
     /// Their standard deviations.
     pub std: Vec<f64>,
+    /// Correlation of each with each.
+    pub correlation: DMatrix<f64>,
     /// Smoothing speed first, then the effects' shapes.
     pub shapes: Vec<f64>,
     /// Columns by record, at these shapes; none where the output is simulated.

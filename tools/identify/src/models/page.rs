@@ -6,7 +6,7 @@ use super::residual_plots::ChannelResidual;
 use super::sentences::sentences;
 use crate::naming::{held, labels};
 use crate::outcome::{ChannelError, Left, Outcome, StepError, UnlistedTable};
-use crate::outcome_tables::{parameters, ranking, short, what_is_left};
+use crate::outcome_tables::{correlations, parameters, ranking, short, what_is_left};
 
 /// What a kind of model shows beside its outcome.
 pub(super) struct Content<'a> {
@@ -82,12 +82,18 @@ pub(super) fn page(outcome: &Outcome, content: &Content<'_>) -> Page {
             parameters(outcome),
             "Parameters of the model with its effects, from the fitting rows; ± is one standard \
              deviation, by blocks.",
-        )
-        .heading("Next experiment")
-        .paragraph(&format!(
-            "{} To settle it: {}.",
-            outcome.next_experiment.why, outcome.next_experiment.what
-        ));
+        );
+    if !outcome.correlations.is_empty() {
+        page = page.table(
+            correlations(outcome),
+            "Estimates whose errors are strongly correlated: where one is off, the other is off \
+             with it.",
+        );
+    }
+    page = page.heading("Next experiment").paragraph(&format!(
+        "{} To settle it: {}.",
+        outcome.next_experiment.why, outcome.next_experiment.what
+    ));
     for note in &outcome.notes {
         page = page.paragraph(&format!("Note: {note}."));
     }

@@ -7,11 +7,12 @@ use report::Page;
 use super::next_experiment::next_experiment;
 use super::resemblance::resemblance;
 use super::single_channel_page::page;
-use super::single_channel_parameters::{effect_parameters, parameters};
+use super::single_channel_parameters::{effect_parameters, names, parameters};
 use super::single_channel_result::{Study, all_rows, tested};
 use super::unaccepted_effects::{left, sampling_delay_notes};
 use crate::equation_error::block_roles::{Block, Role, blocks_of_role};
 use crate::equation_error::model::{Fitted, RegressionModel, Structure};
+use crate::estimate_correlation::strong;
 use crate::outcome::{
     AtBounds, CandidateGain, ChannelError, FoundEffect, Named, Outcome, Roles, StepError,
     UnlistedTable, Unsettled, Verdict,
@@ -91,6 +92,7 @@ fn outcome(study: &Study<'_>) -> Outcome {
         records: roles(regression, &study.blocks),
         next_experiment: next_experiment(regression, found, &parameters),
         at_bounds: AtBounds::of(&parameters, &BTreeMap::new()),
+        correlations: strong(&names(regression, found.last()), &found.last().fitted.correlation),
         parameters,
         steps: steps(study),
         candidates: candidates(found),

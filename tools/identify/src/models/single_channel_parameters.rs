@@ -1,6 +1,6 @@
 //! Parameters of an equation-error model and of its effects.
 
-use crate::effects::Declared;
+use crate::effects::{Declared, Term};
 use crate::equation_error::model::{Column, Fitted, RegressionModel};
 use crate::outcome::{EffectParameter, FittedParameter, Identifiability};
 use crate::selection::candidates::FittedModel;
@@ -56,6 +56,18 @@ fn lifted(regression: &RegressionModel, fitted: &Fitted, which: Declared) -> (f6
     at.map_or((0.0, 0.0), |i| {
         (fitted.fit.coefficients[i] - regression.parameters[i].declared, fitted.std[i])
     })
+}
+
+/// Names of the amplitudes of a model, in their order; none for the terms of a nonparametric
+/// function.
+pub(super) fn names(regression: &RegressionModel, model: &FittedModel<'_>) -> Vec<Option<String>> {
+    let declared = regression.parameters.iter().map(|own| Some(own.name.clone()));
+    let of_effects = model.structure.effects.iter().flat_map(|effect| {
+        let id = effect.declaration().id;
+        let name = move |term: Term| (!term.is_given()).then(|| format!("{} of {id}", term.name));
+        regression.terms_of(*effect).into_iter().map(name)
+    });
+    declared.chain(of_effects).collect()
 }
 
 /// Declared parameters, as fitted.

@@ -14,6 +14,7 @@ use super::transmission_residual_tests::tested;
 use super::transmission_study::Study;
 use crate::correlation::TestedResidual;
 use crate::equation_error::block_roles::Role;
+use crate::estimate_correlation::strong;
 use crate::outcome::{
     AtBounds, CandidateGain, ChannelError, EffectParameter, FittedParameter, FoundEffect,
     Identifiability, Named, NextExperiment, Outcome, Roles, UNKNOWN, Unexplained, UnlistedTable,
@@ -71,7 +72,9 @@ fn outcome(study: &Study<'_>) -> Option<Outcome> {
         verdict => verdict,
     };
     let fit = Dataset::of(&study.model, Role::Fit);
-    let with_deviation = fit.deviations(found.last(), BLOCK);
+    let (with_deviation, correlation) = fit.deviations_with_correlation(found.last(), BLOCK);
+    let names: Vec<Option<String>> =
+        with_deviation.iter().map(|(own, _)| correlated_name(study, own)).collect();
     let (error, parameters) = (error(study)?, parameters(study, &with_deviation));
     Some(Outcome {
         unsettled: None,
@@ -87,6 +90,7 @@ fn outcome(study: &Study<'_>) -> Option<Outcome> {
         unlisted: unlisted(found, &fit, &with_deviation),
         calibration: study.calibration.clone(),
         at_bounds: AtBounds::of(&parameters, &error),
+        correlations: strong(&names, &correlation),
         error,
         residual_tests: BTreeMap::new(),
         parameters,
@@ -304,6 +308,16 @@ fn parameters(study: &Study<'_>, with_deviation: &[(FreeParameter, f64)]) -> Vec
             }
         })
         .collect()
+}
+
+/// The name under which the correlation of an estimate is told; nodes of a function and the phases
+/// of waves have none.
+fn correlated_name(study: &Study<'_>, parameter: &FreeParameter) -> Option<String> {
+    match parameter {
+        FreeParameter::Base(index) => Some(study.model.base[*index].name.clone()),
+        FreeParameter::Effect { .. } => parameter_name(study, parameter),
+        FreeParameter::Phasor { .. } | FreeParameter::Node { .. } => None,
+    }
 }
 
 /// The name of an effect's free parameter for readers.

@@ -13,7 +13,7 @@ use crate::outcome::Outcome;
 use crate::prediction_error::dataset::Dataset;
 use crate::prediction_error::record::Record;
 use crate::prediction_error::transmission_model::{Channel, Residual};
-use crate::prediction_error::validation::{LEAST_T, least_beside};
+use crate::prediction_error::validation::{LEAST_T, LEAST_T_FIRST, least_beside};
 
 /// Slower motion counts as rest; a reversal is the next faster motion in the other direction
 /// (rad/s).
@@ -49,9 +49,9 @@ pub(super) fn page(
         "Each candidate is fitted on the fitting records beside all declared parameters, and \
          validated on the selection ones. It is added when the errors of all channels, multiplied, \
          fall by {:.0} % or more (beside one effect by {:.0} %, beside two by {:.0} %), when that \
-         is {LEAST_T:.1} of its standard errors above zero, when more records get better than \
-         worse, and when no channel gets worse by more than 3 % (for a first effect by a fifth of \
-         what all gain).",
+         is {LEAST_T_FIRST:.1} of its standard errors above zero (beside others {LEAST_T:.1}), \
+         when more records get better than worse, and when no channel gets worse by more than 3 % \
+         (for a first effect by a fifth of what all gain).",
         asked(0),
         asked(1),
         asked(2)

@@ -9,7 +9,7 @@ use crate::effects::Shape;
 use crate::equation_error::block_roles::Block;
 use crate::equation_error::model::{Column, Fitted, RegressionModel, Structure};
 use crate::equation_error::signals::FINER;
-use crate::regression::{Bound, Fit, Gram, standard_deviations};
+use crate::regression::{Bound, Fit, Gram, uncertainty};
 use crate::spectral::Spectrum;
 
 /// A simulation whose output exceeds the largest measured output by this factor has diverged.
@@ -300,18 +300,22 @@ impl<'a> Problem<'a> {
             at_bound: (0..n).map(|k| edge(k) || columns[k].iter().all(|c| *c == 0.0)).collect(),
             squares: errors.norm_squared(),
         };
-        let std =
-            standard_deviations(&gram, &local, &self.scores(&columns, &errors, &coefficients));
-        let mut all = vec![0.0; self.bounds.len()];
+        let scores = self.scores(&columns, &errors, &coefficients);
+        let local = uncertainty(&gram, &local, &scores);
+        let count = self.bounds.len();
+        let (mut std, mut correlation) = (vec![0.0; count], DMatrix::zeros(count, count));
         for (k, (i, size)) in self.amplitudes.iter().enumerate() {
-            all[*i] = std[k] * size;
+            std[*i] = local.std[k] * size;
+            for (l, (j, _)) in self.amplitudes.iter().enumerate() {
+                correlation[(*i, *j)] = local.correlation[(k, l)];
+            }
         }
         let fit = Fit {
             at_bound: (0..self.bounds.len()).map(at_edge).collect(),
             coefficients: coefficients.clone(),
             squares: errors.norm_squared(),
         };
-        Some(Fitted { fit, std: all, shapes, columns: Vec::new(), outputs })
+        Some(Fitted { fit, std, correlation, shapes, columns: Vec::new(), outputs })
     }
 
     /// `Jᵀe` by clusters longer than the memory of the machine.

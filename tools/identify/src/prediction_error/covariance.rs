@@ -31,6 +31,7 @@ use rayon::prelude::*;
 use super::dataset::{Dataset, Fitted, PRIOR_WEIGHT};
 use super::free_parameter::{AT_BOUND, BOUND_MARGIN, FreeParameter};
 use super::transmission_model::{Residual, Setting};
+use crate::estimate_correlation::correlation;
 
 /// A root-mean-square sensitivity of the weighted residual below this counts as zero.
 const INSENSITIVE: f64 = 1e-6;
@@ -53,6 +54,15 @@ impl Dataset<'_> {
     /// Returns the standard deviation of each estimated parameter's value, with scores summed over
     /// blocks of so many rows; infinite where the parameter is not identifiable.
     pub fn deviations(&self, fitted: &Fitted, block: usize) -> Vec<(FreeParameter, f64)> {
+        self.deviations_with_correlation(fitted, block).0
+    }
+
+    /// As [`Self::deviations`], with the correlation of each with each; 0 for those at a bound.
+    pub fn deviations_with_correlation(
+        &self,
+        fitted: &Fitted,
+        block: usize,
+    ) -> (Vec<(FreeParameter, f64)>, DMatrix<f64>) {
         let own = &fitted.parameters;
         let others =
             (0..self.model.base.len()).map(FreeParameter::Base).filter(|base| !own.contains(base));
@@ -82,7 +92,19 @@ impl Dataset<'_> {
             let variance = if seen { variance.min(most) } else { variance };
             (parameter.clone(), variance.max(0.0).sqrt() * slopes[index].abs())
         };
-        own.iter().enumerate().map(of_parameter).collect()
+        let deviations = own.iter().enumerate().map(of_parameter).collect();
+        let mut correlations = DMatrix::zeros(own.len(), own.len());
+        if let Some(covariance) = &covariance {
+            let of_estimated = correlation(covariance);
+            for (row, first) in estimated.iter().enumerate() {
+                for (column, second) in estimated.iter().enumerate() {
+                    // A rising value may belong to a falling normalised parameter.
+                    let sign = slopes[*first].signum() * slopes[*second].signum();
+                    correlations[(*first, *second)] = sign * of_estimated[(row, column)];
+                }
+            }
+        }
+        (deviations, correlations)
     }
 
     /// Returns the secants of the weighted residual over each normalised parameter, and the slopes

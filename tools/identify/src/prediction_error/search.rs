@@ -318,6 +318,10 @@ impl Search<'_> {
         let above = above_floor(self.fit.model, &self.select.records, &self.now.setting);
         let at_floor = above.is_some_and(|above| above.at_floor());
         if deadline.left_work_out() {
+            // Names that leave the error far above the repeatability are no names.
+            if above.is_some_and(|above| above.inadequate()) {
+                self.found.give_up_all();
+            }
             let what = match self.found.steps.is_empty() {
                 true => Unfinished::Candidates,
                 false => Unfinished::Comparison,

@@ -100,7 +100,9 @@ impl SelectionRound<'_> {
         chosen.retain(|index| tried[*index].validation.gain >= WITHIN_REACH * most);
         self.improve(&mut tried, &chosen, CONVERGENCE_ROUNDS);
         self.elsewhere(&mut tried);
-        if !self.is_explained(&tried) {
+        // In the first round only: it takes as long as the rest of a round, and in trials later
+        // rounds gained nothing by it.
+        if self.now.setting.placed.is_empty() && !self.is_explained(&tried) {
             let (at_declared, there) = at_declared.unzip();
             foremost_by_score.extend(there.unwrap_or_default());
             foremost_by_score.sort_unstable();

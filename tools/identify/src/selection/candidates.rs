@@ -164,7 +164,7 @@ pub fn equally_good(
 
 #[cfg(test)]
 pub(super) mod tests {
-    use nalgebra::DVector;
+    use nalgebra::{DMatrix, DVector};
 
     use super::*;
     use crate::effects::{Axis, Units};
@@ -199,6 +199,7 @@ pub(super) mod tests {
         let fitted = Fitted {
             fit,
             std: vec![0.0; terms],
+            correlation: DMatrix::zeros(0, 0),
             shapes: vec![0.003; 1 + shapes],
             columns: Vec::new(),
             outputs: Vec::new(),

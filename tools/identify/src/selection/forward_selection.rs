@@ -321,7 +321,7 @@ pub(super) fn starting_point(
 
 #[cfg(test)]
 mod tests {
-    use nalgebra::DVector;
+    use nalgebra::{DMatrix, DVector};
 
     use super::super::candidates::tests::AXIS;
     use super::*;
@@ -349,7 +349,8 @@ mod tests {
         };
         let fit = Fit { coefficients: DVector::zeros(0), at_bound: Vec::new(), squares: 0.0 };
         let (std, columns, outputs) = (Vec::new(), Vec::new(), Vec::new());
-        let fitted = Fitted { fit, std, shapes: vec![0.1], columns, outputs };
+        let correlation = DMatrix::zeros(0, 0);
+        let fitted = Fitted { fit, std, correlation, shapes: vec![0.1], columns, outputs };
         let current =
             FittedModel { structure: Structure::default(), fitted, equation_error_fit: None };
         let predictor = Predictor::EquationError(&regression);

@@ -108,6 +108,7 @@ fn outcome(
         residual_tests: Default::default(),
         parameters,
         at_bounds: None,
+        correlations: Vec::new(),
         records: Roles::default(),
         next_experiment: NextExperiment { why: String::new(), what: String::new(), protocol: None },
         steps: Vec::new(),
