@@ -83,19 +83,21 @@ impl TestedResidual {
     pub fn correlograms(&self) -> Vec<(String, Correlogram)> {
         let own = autocorrelation(&self.residual, self.step_s);
         let own = own.map(|own| ("autocorrelation".to_owned(), own));
-        let with = self.inputs.iter().filter_map(|(name, input)| {
-            let correlogram = cross_correlation(&self.residual, input, self.step_s)?;
-            Some((format!("correlation with {name}"), correlogram))
-        });
+        let with = self.with_inputs().map(|(name, own)| (format!("correlation with {name}"), own));
         own.into_iter().chain(with).collect()
+    }
+
+    /// The correlation with each input.
+    fn with_inputs(&self) -> impl Iterator<Item = (&'static str, Correlogram)> {
+        self.inputs.iter().filter_map(|(name, input)| {
+            Some((*name, cross_correlation(&self.residual, input, self.step_s)?))
+        })
     }
 
     /// The tests.
     pub fn tests(&self) -> ResidualTests {
         let whiteness = |rows: &[Vec<f64>]| autocorrelation(rows, self.step_s)?.test();
-        let with = self.inputs.iter().filter_map(|(name, input)| {
-            Some((*name, cross_correlation(&self.residual, input, self.step_s)?.test()?))
-        });
+        let with = self.with_inputs().filter_map(|(name, own)| Some((name, own.test()?)));
         ResidualTests {
             autocorrelation: whiteness(&self.residual),
             autocorrelation_of_repeats: whiteness(&self.repeats),

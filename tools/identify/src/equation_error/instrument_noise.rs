@@ -77,7 +77,7 @@ fn passed(balance: &ForceBalance, noise: f64, squared_response: impl Fn(f64) -> 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::equation_error::signals::{CutOff, white_noise};
+    use crate::equation_error::signals::{CutOff, noise_of, sixth_differences};
 
     /// Normal values.
     fn noise(count: usize) -> impl Iterator<Item = f64> {
@@ -93,6 +93,7 @@ mod tests {
     fn noise_is_told_from_movement() {
         let wave = |row: usize| 0.3 * (TAU * 5.0 * row as f64 * 1e-3).sin();
         let noisy: Vec<f64> = noise(20_000).enumerate().map(|(i, n)| wave(i) + 1e-6 * n).collect();
+        let white_noise = |signal: &[f64]| noise_of(&sixth_differences(signal));
         assert!((white_noise(&noisy) / 1e-6 - 1.0).abs() < 0.05, "{}", white_noise(&noisy));
         assert_eq!(white_noise(&[]), 0.0);
     }

@@ -225,15 +225,9 @@ impl Signals {
     }
 }
 
-/// Returns the standard deviation of the white noise of a signal: of its sixth differences over
-/// their gain for white noise. Movements below a twentieth of the sampling frequency lose all but a
-/// thousandth.
-#[cfg(test)]
-pub fn white_noise(signal: &[f64]) -> f64 {
-    noise_of(&sixth_differences(signal))
-}
-
-fn sixth_differences(signal: &[f64]) -> Vec<f64> {
+/// Returns the sixth differences of a signal, in which movements below a twentieth of the sampling
+/// frequency lose all but a thousandth.
+pub(super) fn sixth_differences(signal: &[f64]) -> Vec<f64> {
     let mut left = signal.to_vec();
     for _ in 0..ORDER {
         left = left.windows(2).map(|pair| pair[1] - pair[0]).collect();
@@ -242,7 +236,7 @@ fn sixth_differences(signal: &[f64]) -> Vec<f64> {
 }
 
 /// Returns the standard deviation of the white noise of which these are the sixth differences.
-fn noise_of(differences: &[f64]) -> f64 {
+pub(super) fn noise_of(differences: &[f64]) -> f64 {
     let squares: f64 = differences.iter().map(|value| value * value).sum();
     (squares / differences.len().max(1) as f64 / GAIN_SQUARED).sqrt()
 }

@@ -10,6 +10,7 @@ use super::single_channel_page::page;
 use super::single_channel_parameters::{effect_parameters, names, parameters};
 use super::single_channel_result::{Study, all_rows, tested};
 use super::unaccepted_effects::{left, sampling_delay_notes};
+use crate::correlation::TestedResidual;
 use crate::equation_error::block_roles::{Block, Role, blocks_of_role};
 use crate::equation_error::model::{Fitted, RegressionModel, Structure};
 use crate::estimate_correlation::strong;
@@ -25,12 +26,13 @@ use crate::selection::validation::Validation;
 
 /// The verdict, and the page that shows it.
 pub(super) fn conclude(study: &Study<'_>) -> (Outcome, Page) {
-    let outcome = outcome(study);
-    let page = page(study, &outcome);
+    let tested = tested(study);
+    let outcome = outcome(study, &tested);
+    let page = page(study, &outcome, tested);
     (outcome, page)
 }
 
-fn outcome(study: &Study<'_>) -> Outcome {
+fn outcome(study: &Study<'_>, tested: &TestedResidual) -> Outcome {
     let Study { predictor, found, .. } = study;
     let regression = predictor.regression();
     let contested = found.steps.iter().rev().find(|step| !step.rivals.is_empty());
@@ -88,7 +90,7 @@ fn outcome(study: &Study<'_>) -> Outcome {
         calibration: None,
         left: left(study),
         error: [(study.channel.to_owned(), error)].into(),
-        residual_tests: [(study.channel.to_owned(), tested(study).tests())].into(),
+        residual_tests: [(study.channel.to_owned(), tested.tests())].into(),
         records: roles(regression, &study.blocks),
         next_experiment: next_experiment(regression, found, &parameters),
         at_bounds: AtBounds::of(&parameters, &BTreeMap::new()),

@@ -4,7 +4,8 @@ use report::{Colour, Figure, Page};
 
 use super::page::{Content, page as whole_page};
 use super::residual_plots::{ChannelResidual, over_time, plotted};
-use super::single_channel_result::{Study, all_rows, tested};
+use super::single_channel_result::{Study, all_rows};
+use crate::correlation::TestedResidual;
 use crate::input::step_of;
 use crate::naming::labels;
 use crate::outcome::Outcome;
@@ -102,7 +103,7 @@ impl RecordRows {
 }
 
 /// The whole page.
-pub(super) fn page(study: &Study<'_>, outcome: &Outcome) -> Page {
+pub(super) fn page(study: &Study<'_>, outcome: &Outcome, tested: TestedResidual) -> Page {
     let channel = Channel::of(&study.predictor);
     let with = !outcome.effects.is_empty();
     let regression = study.predictor.regression();
@@ -121,7 +122,7 @@ pub(super) fn page(study: &Study<'_>, outcome: &Outcome) -> Page {
         ),
         figures: shown.flat_map(|record| record_figures(&channel, record, with)).collect(),
         residual: "residual",
-        channels: vec![residual(study, &channel, &rows, with)],
+        channels: vec![residual(study, &channel, (&rows, tested), with)],
         force_unit: Some(regression.axis.units.force),
         accepted: format!(
             "Each candidate is fitted on the fitting rows and validated on the selection ones. It \
@@ -144,7 +145,7 @@ pub(super) fn page(study: &Study<'_>, outcome: &Outcome) -> Page {
 fn residual(
     study: &Study<'_>,
     channel: &Channel,
-    records: &[RecordRows],
+    (records, tested): (&[RecordRows], TestedResidual),
     with: bool,
 ) -> ChannelResidual {
     let units = &study.predictor.regression().axis.units;
@@ -171,7 +172,7 @@ fn residual(
         spectra: first.flat_map(curves).collect(),
         step_s: records.first().and_then(|record| step_of(&record.time)).unwrap_or_default(),
         with,
-        tested: tested(study),
+        tested,
     }
 }
 

@@ -314,13 +314,12 @@ fn parameters(study: &Study<'_>, with_deviation: &[(FreeParameter, f64)]) -> Vec
 /// of waves have none.
 fn correlated_name(study: &Study<'_>, parameter: &FreeParameter) -> Option<String> {
     match parameter {
-        FreeParameter::Base(index) => Some(study.model.base[*index].name.clone()),
-        FreeParameter::Effect { .. } => parameter_name(study, parameter),
         FreeParameter::Phasor { .. } | FreeParameter::Node { .. } => None,
+        own => parameter_name(study, own),
     }
 }
 
-/// The name of an effect's free parameter for readers.
+/// The name of a free parameter for readers.
 fn parameter_name(study: &Study<'_>, parameter: &FreeParameter) -> Option<String> {
     match parameter {
         FreeParameter::Effect { placed, range: SearchRange { name, .. } }
@@ -328,9 +327,8 @@ fn parameter_name(study: &Study<'_>, parameter: &FreeParameter) -> Option<String
             let step = study.found.steps.get(*placed)?;
             Some(format!("{name} of {}", step.added.id))
         }
-        FreeParameter::Base(_) | FreeParameter::Node { .. } => {
-            Some("the nonparametric function".to_owned())
-        }
+        FreeParameter::Base(index) => Some(study.model.base[*index].name.clone()),
+        FreeParameter::Node { .. } => Some("the nonparametric function".to_owned()),
     }
 }
 

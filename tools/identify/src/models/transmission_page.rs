@@ -42,8 +42,7 @@ pub(super) fn page(
     let figures =
         shown.flat_map(|(index, both)| figures(study, (names[*index], *index), both, with));
     let channels = tested.into_iter().filter_map(|(channel, tested)| {
-        let residual = residual_of(study, &report, channel, (&before, &after), with)?;
-        Some(ChannelResidual { tested, ..residual })
+        residual_of(study, &report, (channel, tested), (&before, &after), with)
     });
     let accepted = format!(
         "Each candidate is fitted on the fitting records beside all declared parameters, and \
@@ -184,7 +183,7 @@ impl Rows {
 fn residual_of(
     study: &Study<'_>,
     report: &[usize],
-    channel: Channel,
+    (channel, tested): (Channel, TestedResidual),
     (before, after): (&[Residual], &[Residual]),
     with: bool,
 ) -> Option<ChannelResidual> {
@@ -224,7 +223,7 @@ fn residual_of(
         spectra: plotted(of_before, of_after, with),
         step_s,
         with,
-        tested: TestedResidual::default(),
+        tested,
     })
 }
 

@@ -32,15 +32,12 @@ pub fn redundant_effect(
     now: &Fitted,
 ) -> Option<(usize, Fitted)> {
     let with = select.residuals(&now.setting)?;
-    (0..now.setting.placed.len().saturating_sub(1)).find_map(|at| {
+    let (_, older) = now.setting.placed.split_last()?;
+    older.iter().enumerate().find_map(|(at, placed)| {
         if fit.deadline.has_passed() {
             return None;
         }
-        let mut setting = now.setting.clone();
-        let placed = setting.placed.remove(at);
-        let left: Vec<FreeParameter> =
-            now.parameters.iter().filter_map(|parameter| parameter.without(at)).collect();
-        let fitted = fit.fit(&setting, &left, 2)?;
+        let fitted = fit.fit_without(now, at, 2)?;
         let without = select.residuals(&fitted.setting)?;
         let validation = validate((placed.id, placed.site), &without, &with);
         (validation.gain < LEAST_GAIN).then_some((at, fitted))
@@ -60,11 +57,7 @@ pub fn without_newest(
     if others.is_empty() || fit.deadline.has_passed() {
         return None;
     }
-    let mut setting = with.setting.clone();
-    setting.placed.truncate(at);
-    let left: Vec<FreeParameter> =
-        with.parameters.iter().filter_map(|parameter| parameter.without(at)).collect();
-    let fitted = fit.fit(&setting, &left, WITHOUT_NEWEST_ROUNDS)?;
+    let fitted = fit.fit_without(with, at, WITHOUT_NEWEST_ROUNDS)?;
     if fitted.objective >= before.objective {
         return None;
     }

@@ -70,6 +70,15 @@ impl Dataset<'_> {
         self.fit_beginning_with(start, parameters, rounds, None)
     }
 
+    /// Fits a model without its effect at index `at`, from where it ended with it.
+    pub fn fit_without(&self, with: &Fitted, at: usize, rounds: usize) -> Option<Fitted> {
+        let mut setting = with.setting.clone();
+        setting.placed.remove(at);
+        let left: Vec<FreeParameter> =
+            with.parameters.iter().filter_map(|parameter| parameter.without(at)).collect();
+        self.fit(&setting, &left, rounds)
+    }
+
     /// As [`Self::fit`]; the first round begins with columns of a Jacobian that holds nearby.
     pub fn fit_beginning_with(
         &self,

@@ -204,13 +204,9 @@ struct ProbeExperiment<'a> {
 }
 
 impl ProbeExperiment<'_> {
-    /// Returns the residuals with the probe torque at a site.
-    fn with(&self, site: Site, size: f64) -> Option<Vec<Residual>> {
+    /// Returns the residuals with the probe.
+    fn with(&self, action: Action, size: f64) -> Option<Vec<Residual>> {
         let values: Arc<[f64]> = self.random_signs.iter().map(|sign| size * sign).collect();
-        let action = match site {
-            Site::Line => Action::MovingMass,
-            side => Action::Torque(side),
-        };
         let one = |record: &usize| {
             let start_s = self.model.records[*record].start_s;
             let probe_torque =
@@ -225,7 +221,7 @@ impl ProbeExperiment<'_> {
     }
 
     /// Returns the change of the residuals of master and slave by the probe, for every record.
-    fn changes(&self, site: Site, size: f64) -> Option<Vec<[Vec<f64>; 2]>> {
+    fn changes(&self, action: Action, size: f64) -> Option<Vec<[Vec<f64>; 2]>> {
         let of = |with: &Residual, here: &Residual, channel: usize| -> Vec<f64> {
             with.channels[channel]
                 .iter()
@@ -233,7 +229,7 @@ impl ProbeExperiment<'_> {
                 .map(|(with, here)| with - here)
                 .collect()
         };
-        let with = self.with(site, size)?;
+        let with = self.with(action, size)?;
         Some(
             with.iter()
                 .zip(&self.here)
@@ -243,17 +239,13 @@ impl ProbeExperiment<'_> {
     }
 
     /// As [`Self::changes`], with the probe scaled to the size of the residual.
-    fn scaled_response(&self, site: Site) -> Option<Vec<[Vec<f64>; 2]>> {
+    fn scaled_response(&self, action: Action) -> Option<Vec<[Vec<f64>; 2]>> {
         let declared = &self.model.declared;
         let volts = self.records.iter().flat_map(|record| &self.model.records[*record].volts);
         let torque_nm =
             FIRST_TRY * declared.motor_torque_per_volt_nm() * rms(volts.copied()).max(FIRST_TRY);
-        let size = if site == Site::Line {
-            torque_nm / declared.master_displacement_m_per_rad()
-        } else {
-            torque_nm
-        };
-        let shown = rms(self.changes(site, size)?.iter().flatten().flatten().copied());
+        let size = action.size_of(torque_nm, declared);
+        let shown = rms(self.changes(action, size)?.iter().flatten().flatten().copied());
         let left = rms(self
             .here
             .iter()
@@ -261,7 +253,7 @@ impl ProbeExperiment<'_> {
             .flatten()
             .copied());
         self.changes(
-            site,
+            action,
             size * (left / shown.max(f64::MIN_POSITIVE)).clamp(LEAST_FACTOR, MOST_FACTOR),
         )
     }
@@ -327,9 +319,11 @@ struct Sums {
 
 impl ProbeExperiment<'_> {
     fn localise(&self, noise: &Spectra) -> Option<Localisation> {
-        let sites = [Site::Master, Site::Slave, Site::Line];
         let changes =
-            sites.into_iter().map(|site| self.scaled_response(site)).collect::<Option<Vec<_>>>()?;
+            [Action::Torque(Site::Master), Action::Torque(Site::Slave), Action::MovingMass]
+                .map(|action| self.scaled_response(action))
+                .into_iter()
+                .collect::<Option<Vec<_>>>()?;
         let causes: Vec<Vec<f64>> = self.records.iter().map(|record| self.cause(*record)).collect();
         let (mut sums, mut kinds) = (Sums::default(), 0);
         for idle in [true, false] {

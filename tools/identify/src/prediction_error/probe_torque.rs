@@ -2,8 +2,8 @@
 
 use std::sync::Arc;
 
-use plant::ParameterSet;
 use plant::effects::{Effect, Identity, Link, Moment, Side, SideLoad, Site};
+use plant::{ParameterSet, transmission_kinds};
 
 /// Multiplier of the linear congruential generator (Knuth's MMIX) whose highest bit is the sign.
 const MULTIPLIER: u64 = 6_364_136_223_846_793_005;
@@ -20,6 +20,16 @@ pub enum Action {
     /// A force of the springs of the lines (N), which drives the slave forward and the master
     /// backward.
     Spring,
+}
+
+impl Action {
+    /// The size of what it adds, in its own unit, that has about the effect of a torque (N·m).
+    pub fn size_of(self, torque_nm: f64, declared: &transmission_kinds::Parameters) -> f64 {
+        match self {
+            Self::Torque(_) => torque_nm,
+            Self::MovingMass | Self::Spring => torque_nm / declared.master_displacement_m_per_rad(),
+        }
+    }
 }
 
 /// A known torque, held from sample to sample.

@@ -301,12 +301,7 @@ impl<'a> Part<'a> {
 fn size(model: &TransmissionModel, records: &[usize], action: Action) -> f64 {
     let volts = records.iter().flat_map(|record| &model.records[*record].volts);
     let torque_nm = SIZE * model.declared.motor_torque_per_volt_nm() * rms(volts.copied());
-    match action {
-        Action::Torque(_) => torque_nm,
-        Action::MovingMass | Action::Spring => {
-            torque_nm / model.declared.master_displacement_m_per_rad()
-        }
-    }
+    action.size_of(torque_nm, &model.declared)
 }
 
 /// Share of the squared residual of the selecting records that a regression on the fitting ones

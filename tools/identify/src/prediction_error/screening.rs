@@ -75,9 +75,23 @@ impl Projection {
         if dataset.deadline.has_passed() {
             return None;
         }
-        let change =
-            Dataset::stack(&dataset.residuals(setting)?, &self.columns.weights) - &self.here;
-        Some(&change - &self.basis * (self.basis.transpose() * &change))
+        Some(self.projected(&dataset.residuals(setting)?))
+    }
+
+    /// Returns the weighted, projected difference of residuals from those of the fit.
+    fn projected(&self, with: &[Residual]) -> DVector<f64> {
+        let change = Dataset::stack(with, &self.columns.weights) - &self.here;
+        &change - &self.basis * (self.basis.transpose() * &change)
+    }
+
+    /// Share of the squared residual that directions with given factors explain; negative where
+    /// they make it larger.
+    fn share(&self, directions: &[DVector<f64>], factors: &[f64]) -> f64 {
+        let mut after = self.left.clone();
+        for (direction, factor) in directions.iter().zip(factors) {
+            after.axpy(*factor, direction, 1.0);
+        }
+        1.0 - after.norm_squared() / self.left.norm_squared().max(f64::MIN_POSITIVE)
     }
 
     /// Least squares of the residual on some directions: bounded factors, and the share explained.
@@ -93,14 +107,8 @@ impl Projection {
         let factors = (gram + DMatrix::identity(count, count) * ridge).cholesky()?.solve(&right);
         let factors: Vec<f64> =
             factors.iter().map(|factor| factor.clamp(limits.0, limits.1)).collect();
-        let mut after = self.left.clone();
-        for (direction, factor) in directions.iter().zip(&factors) {
-            after.axpy(*factor, direction, 1.0);
-        }
-        Some((
-            factors,
-            1.0 - after.norm_squared() / self.left.norm_squared().max(f64::MIN_POSITIVE),
-        ))
+        let share = self.share(directions, &factors);
+        Some((factors, share))
     }
 
     /// Scores several settings together (nonparametric functions): factors and share explained.
@@ -110,12 +118,6 @@ impl Projection {
             .map(|setting| self.change(dataset, setting))
             .collect::<Option<_>>()?;
         self.best(&directions, (f64::NEG_INFINITY, f64::INFINITY))
-    }
-
-    /// Projects the difference of given residuals from those of the fit.
-    fn projected(&self, with: &[Residual]) -> DVector<f64> {
-        let change = Dataset::stack(with, &self.columns.weights) - &self.here;
-        &change - &self.basis * (self.basis.transpose() * &change)
     }
 
     /// Least squares of the residual on the changes that each of several torques makes, given by
@@ -128,11 +130,8 @@ impl Projection {
     /// Share of the squared residual that these torques explain with given factors; negative where
     /// they make it larger.
     pub fn explained(&self, with: &[Vec<Residual>], factors: &[f64]) -> f64 {
-        let mut after = self.left.clone();
-        for (with, factor) in with.iter().zip(factors) {
-            after.axpy(*factor, &self.projected(with), 1.0);
-        }
-        1.0 - after.norm_squared() / self.left.norm_squared().max(f64::MIN_POSITIVE)
+        let directions: Vec<DVector<f64>> = with.iter().map(|with| self.projected(with)).collect();
+        self.share(&directions, factors)
     }
 
     /// Scores every candidate, best first; those that cannot be simulated are omitted.

@@ -3,7 +3,6 @@
 use plant::effects::Site;
 
 use super::dataset::{Dataset, Fitted};
-use super::free_parameter::FreeParameter;
 use super::localisation::Localisation;
 use super::nonparametric_search::{NonparametricResult, UnlistedFunction, search_nonparametric};
 use super::transmission_model::TransmissionModel;
@@ -103,15 +102,14 @@ impl SearchResult {
     /// that cannot be simulated.
     pub fn without_last(&mut self, model: &TransmissionModel) -> Option<()> {
         let Some(step) = self.steps.pop() else { return Some(()) };
-        let at = step.fitted.setting.placed.len().saturating_sub(1);
         self.set_nonparametric(NonparametricResult::default());
         if let Some(last) = self.steps.last_mut() {
-            let Fitted { mut setting, parameters, .. } = step.fitted;
-            setting.placed.truncate(at);
-            let parameters: Vec<FreeParameter> =
-                parameters.iter().filter_map(|parameter| parameter.without(at)).collect();
-            last.fitted =
-                Dataset::of(model, Role::Fit).fit(&setting, &parameters, WITHDRAWAL_FIT_ROUNDS)?;
+            let at = step.fitted.setting.placed.len().saturating_sub(1);
+            last.fitted = Dataset::of(model, Role::Fit).fit_without(
+                &step.fitted,
+                at,
+                WITHDRAWAL_FIT_ROUNDS,
+            )?;
         }
         Some(())
     }

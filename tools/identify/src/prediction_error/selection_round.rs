@@ -254,28 +254,41 @@ impl SelectionRound<'_> {
     ) {
         let declared = declared(self.fit.model, &self.now.setting);
         for candidate in leading.iter().copied() {
-            let of = &self.candidates[candidate];
-            let begun = |from: &Setting, rounds: usize, at: Option<&Projection>| {
-                if self.fit.deadline.has_passed() {
-                    return Vec::new();
-                }
-                let starts: Vec<Setting> = of.starts.iter().map(|start| from.with(start)).collect();
-                let Some(first) = starts.first() else { return Vec::new() };
-                let free = self.free(candidate, first);
-                self.fit.leading(&starts, &free, rounds, at.map(|at| &at.columns))
-            };
-            let mut begun = [
-                begun(&self.now.setting, 1, Some(here)),
-                begun(&declared, START_ROUNDS, at_declared),
-            ]
-            .concat();
+            if self.fit.deadline.has_passed() {
+                return;
+            }
+            let mut begun = self.begin(candidate, &self.now.setting, 1, Some(here));
+            begun.extend(self.begin(candidate, &declared, START_ROUNDS, at_declared));
             begun.sort_by(|a, b| a.objective.total_cmp(&b.objective));
             begun.truncate(CONTINUED);
-            begun.retain(|begun| begun.objective <= self.reach(tried));
-            let starts: Vec<(usize, Setting)> =
-                begun.into_iter().map(|begun| (candidate, begun.setting)).collect();
-            self.fit_from(tried, &starts, MULTI_START_ROUNDS, None);
+            self.finish(tried, candidate, begun);
         }
+    }
+
+    /// Fits a candidate briefly beside a setting, from all its starting points.
+    fn begin(
+        &self,
+        candidate: usize,
+        from: &Setting,
+        rounds: usize,
+        at: Option<&Projection>,
+    ) -> Vec<Fitted> {
+        let of = &self.candidates[candidate];
+        let starts: Vec<Setting> = of.starts.iter().map(|start| from.with(start)).collect();
+        let Some(first) = starts.first() else { return Vec::new() };
+        let free = self.free(candidate, first);
+        self.fit.leading(&starts, &free, rounds, at.map(|at| &at.columns))
+    }
+
+    /// Continues those brief fits of a candidate that are within reach of the nearest one.
+    fn finish(&self, tried: &mut Vec<FittedCandidate>, candidate: usize, begun: Vec<Fitted>) {
+        let nearest =
+            tried.iter().map(|tried| tried.fitted.objective).fold(f64::INFINITY, f64::min);
+        let reach = nearest + OUT_OF_REACH * self.now.rows() as f64;
+        let within = begun.into_iter().filter(|begun| begun.objective <= reach);
+        let starts: Vec<(usize, Setting)> =
+            within.map(|begun| (candidate, begun.setting)).collect();
+        self.fit_from(tried, &starts, MULTI_START_ROUNDS, None);
     }
 
     /// Fits multi-start candidates from all their starting points, at the current parameters; where
@@ -288,9 +301,6 @@ impl SelectionRound<'_> {
     ) {
         let localisation = localise((self.fit, self.select), &self.now.setting)
             .filter(|localisation| localisation.site() != Site::Line);
-        let started = |from: &Setting, of: &Candidate| -> Vec<Setting> {
-            of.starts.iter().map(|start| from.with(start)).collect()
-        };
         let declared = declared(self.fit.model, &self.now.setting);
         for (candidate, of) in self.candidates.iter().enumerate() {
             let from_all_starts = match &localisation {
@@ -303,28 +313,12 @@ impl SelectionRound<'_> {
             if self.fit.deadline.has_passed() {
                 return;
             }
-            let begun = |from: &Setting, rounds: usize, at: Option<&Projection>| {
-                let starts = started(from, of);
-                let Some(first) = starts.first() else { return Vec::new() };
-                let free = self.free(candidate, first);
-                self.fit.leading(&starts, &free, rounds, at.map(|at| &at.columns))
-            };
-            let mut leading = begun(&self.now.setting, 1, Some(here));
+            let mut begun = self.begin(candidate, &self.now.setting, 1, Some(here));
             if localisation.is_some() {
-                leading.extend(begun(&declared, START_ROUNDS, at_declared));
+                begun.extend(self.begin(candidate, &declared, START_ROUNDS, at_declared));
             }
-            leading.retain(|begun| begun.objective <= self.reach(tried));
-            let starts: Vec<(usize, Setting)> =
-                leading.into_iter().map(|begun| (candidate, begun.setting)).collect();
-            self.fit_from(tried, &starts, MULTI_START_ROUNDS, None);
+            self.finish(tried, candidate, begun);
         }
-    }
-
-    /// Largest criterion of a brief fit that is continued.
-    fn reach(&self, tried: &[FittedCandidate]) -> f64 {
-        let nearest =
-            tried.iter().map(|tried| tried.fitted.objective).fold(f64::INFINITY, f64::min);
-        nearest + OUT_OF_REACH * self.now.rows() as f64
     }
 
     /// Fits a candidate in place of the last effect of a setting, from all its starting points.
