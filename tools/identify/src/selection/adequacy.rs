@@ -54,7 +54,7 @@ pub struct Adequacy {
     /// Share of the squared error of the moving reporting rows that noise of the position leaves.
     pub noise_share: f64,
     /// Largest correlation, as a median over the reporting blocks, of residuals that lie one to
-    /// [`LAGS`] periods of the cut-off apart, in moving rows; near 0 for white ones.
+    /// four periods of the cut-off apart, in moving rows; near 0 for white ones.
     pub correlation: f64,
 }
 
