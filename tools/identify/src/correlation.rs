@@ -63,6 +63,21 @@ pub struct ResidualTests {
     pub autocorrelation_of_repeats: Option<LagTest>,
     /// Correlation of the residual with each input, by column.
     pub cross_correlation: BTreeMap<&'static str, LagTest>,
+    /// Error on the selection rows over the noise floor by octave of frequency, the highest first.
+    /// Transmissions only.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub octaves: Vec<OctaveError>,
+}
+
+/// Error over the noise floor in an octave of frequency.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct OctaveError {
+    /// Lower edge of the octave (Hz); the last one reaches down to 0.
+    pub from_hz: f64,
+    /// Upper edge (Hz).
+    pub to_hz: f64,
+    /// Root mean square of the error over that of the noise.
+    pub over_floor: f64,
 }
 
 /// The residual of one channel in segments, with the inputs along them.
@@ -76,6 +91,8 @@ pub struct TestedResidual {
     pub repeats: Vec<Vec<f64>>,
     /// Time from row to row (s).
     pub step_s: f64,
+    /// The error by octave, the highest first.
+    pub octaves: Vec<OctaveError>,
 }
 
 impl TestedResidual {
@@ -102,6 +119,7 @@ impl TestedResidual {
             autocorrelation: whiteness(&self.residual),
             autocorrelation_of_repeats: whiteness(&self.repeats),
             cross_correlation: with.collect(),
+            octaves: self.octaves.clone(),
         }
     }
 }

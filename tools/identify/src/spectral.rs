@@ -116,6 +116,39 @@ impl Spectrum {
     }
 }
 
+/// Number of octaves of [`octave_powers`].
+pub const OCTAVES: usize = 8;
+/// Rows of a segment of [`octave_powers`].
+const SEGMENT: usize = 512;
+
+/// Number of bins in each octave of [`octave_powers`].
+pub const OCTAVE_BINS: [usize; OCTAVES] = [128, 64, 32, 16, 8, 4, 2, 2];
+
+/// The mean square of a signal in each octave of frequency, the highest first: from half to a
+/// quarter of the sampling frequency, and so on; the last one takes what is below. Averaged over
+/// segments of 512 rows that overlap by half, under a sine window (Welch's method). `None` for
+/// shorter signals.
+pub fn octave_powers(signal: &[f64]) -> Option<[f64; OCTAVES]> {
+    let (mut powers, mut segments) = ([0.0; OCTAVES], 0.0);
+    let begins = (0..signal.len()).step_by(SEGMENT / 2);
+    for rows in begins.filter_map(|from| signal.get(from..from + SEGMENT)) {
+        let weight = |row: usize| (PI * (row as f64 + 0.5) / SEGMENT as f64).sin();
+        let mean = rows.iter().sum::<f64>() / SEGMENT as f64;
+        let bins = transform(
+            rows.iter().enumerate().map(|(row, value)| weight(row) * (value - mean)).collect(),
+        )?;
+        let mut from = bins.len();
+        for (power, count) in powers.iter_mut().zip(OCTAVE_BINS) {
+            *power += bins[from - count..from].iter().map(Complex::norm_sqr).sum::<f64>();
+            from -= count;
+        }
+        segments += 1.0;
+    }
+    // A bin stands for a negative frequency, too, and the window has a mean square of 1/2.
+    let scale = 4.0 / (SEGMENT * SEGMENT) as f64;
+    (segments > 0.0).then(|| powers.map(|power| scale * power / segments))
+}
+
 /// Power over frequency (Hz) of a signal, with bins four times finer than its length resolves. Rows
 /// that are to be left out must be 0.
 pub fn periodogram(signal: &[f64], sampling: f64) -> Vec<(f64, f64)> {
@@ -213,6 +246,31 @@ mod tests {
         let peak =
             periodogram(&wave, 500.0).into_iter().max_by(|a, b| a.1.total_cmp(&b.1)).unwrap();
         assert!((peak.0 - 31.4).abs() < 0.05, "{peak:?}");
+    }
+
+    #[test]
+    fn a_tone_lies_in_its_octave_and_white_noise_halves_from_octave_to_octave() {
+        let sampling = 250.0;
+        let tone: Vec<f64> =
+            (0..4096).map(|i| 0.7 * (TAU * 20.0 * f64::from(i) / sampling).sin()).collect();
+        let powers = octave_powers(&tone).unwrap();
+        // 15.6 to 31.25 Hz.
+        assert!((powers[2] - 0.245).abs() < 1e-3, "{powers:?}");
+        assert!(powers.iter().sum::<f64>() - powers[2] < 1e-3, "{powers:?}");
+        let mut state = 1u64;
+        let white: Vec<f64> = (0..200_000)
+            .map(|_| {
+                state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+                (state >> 33) as f64 / f64::from(1u32 << 31) - 0.5
+            })
+            .collect();
+        let powers = octave_powers(&white).unwrap();
+        assert!((powers.iter().sum::<f64>() - 1.0 / 12.0).abs() < 1e-3, "{powers:?}");
+        for (power, bins) in powers.iter().zip(OCTAVE_BINS) {
+            let expected = bins as f64 / 256.0 / 12.0;
+            assert!((power / expected - 1.0).abs() < 0.2, "{powers:?}");
+        }
+        assert!(octave_powers(&white[..511]).is_none());
     }
 
     #[test]

@@ -10,6 +10,7 @@ use identify::equation_error::block_roles::Role;
 use identify::prediction_error::candidates::{Candidate, candidates, free_parameters_of};
 use identify::prediction_error::dataset::Dataset;
 use identify::prediction_error::free_parameter::FreeParameter;
+use identify::prediction_error::noise_floor::{above_floor, errors};
 use identify::prediction_error::parametric_bootstrap::{
     ServoGains, parametric_bootstrap, simulated_null,
 };
@@ -21,7 +22,7 @@ use identify::prediction_error::search_result::{SearchResult, Unfinished};
 use identify::prediction_error::selection_round::FittedCandidate;
 use identify::prediction_error::step_refinement::holds_with_finer_steps;
 use identify::prediction_error::transmission_model::TransmissionModel;
-use identify::prediction_error::validation::{above_floor, errors, validate};
+use identify::prediction_error::validation::validate;
 use plant::effects::{Site, parse};
 use two_sides::{COUNT_RAD, rig};
 

@@ -49,10 +49,11 @@ pub(super) fn page(outcome: &Outcome, content: &Content<'_>) -> Page {
     let residual = content.residual;
     page = page.heading("What the residual depends on").paragraph(&format!(
         "Mean of the {residual} in bins (line) and one standard deviation of the rows in a bin to \
-         either side (band), its spectrum, and the correlations of the final model's {residual} on \
-         the reporting rows with itself and with the inputs. A mean away from zero is something \
+         either side (band), its spectrum{}, and the correlations of the final model's {residual} \
+         on the reporting rows with itself and with the inputs. A mean away from zero is something \
          that the model lacks, and so is a correlation with an input outside the band in which \
-         95 % of the lags of an independent one lie."
+         95 % of the lags of an independent one lie.",
+        if content.located { ", its ratio to the noise floor octave by octave" } else { "" }
     ));
     for channel in &content.channels {
         let sheet = channel.panels(residual);

@@ -2,7 +2,7 @@
 
 use report::{Colour, Figure, Panels};
 
-use crate::correlation::{Correlogram, TestedResidual};
+use crate::correlation::{Correlogram, OctaveError, TestedResidual};
 use crate::spectral::periodogram;
 
 /// Bins of a figure.
@@ -53,6 +53,21 @@ fn over_lags((what, correlogram): (String, Correlogram)) -> Figure {
         .band(Colour::Grey, "95 % band", &lags_s, &low, &high)
         .horizontal(Colour::Grey, "", 0.0)
         .line(Colour::Blue, "final model", &lags_s, &values)
+}
+
+/// The error over the noise floor by octave, with a rule where the two are equal; `None` without
+/// octaves.
+fn over_octaves(octaves: &[OctaveError]) -> Option<Figure> {
+    // The lowest octave reaches down to 0, which a logarithmic axis does not show.
+    let low = |own: &OctaveError| own.from_hz.max(0.5 * own.to_hz);
+    let rising = octaves.iter().rev();
+    let hz: Vec<f64> = rising.clone().flat_map(|own| [low(own), own.to_hz]).collect();
+    let over: Vec<f64> = rising.flat_map(|own| [own.over_floor; 2]).collect();
+    let empty = Figure::new("", "frequency / Hz", "error / noise floor").size(SIZE.0, SIZE.1);
+    (!octaves.is_empty()).then(|| {
+        let empty = empty.log_x().log_y().horizontal(Colour::Grey, "", 1.0);
+        empty.line(Colour::Blue, "final model, selection rows", &hz, &over)
+    })
 }
 
 /// Rows sorted by a variable, in bins of about a fortieth of them. A bin without rows marks a gap
@@ -108,7 +123,8 @@ impl ChannelResidual {
         let sheet = Panels::new(format!("What the {residual} of {} depends on", self.name));
         let variables = self.variables.iter().filter_map(|variable| self.over(variable));
         let correlations = self.tested.correlograms().into_iter().map(over_lags);
-        let panels = variables.chain(self.spectrum()).chain(correlations);
+        let octaves = over_octaves(&self.tested.octaves);
+        let panels = variables.chain(self.spectrum()).chain(octaves).chain(correlations);
         panels.fold(sheet.columns(2), Panels::panel)
     }
 

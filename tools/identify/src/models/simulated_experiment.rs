@@ -8,12 +8,12 @@ use super::transmission_study::Study;
 use crate::equation_error::block_roles::Role;
 use crate::prediction_error::dataset::Dataset;
 use crate::prediction_error::free_parameter::FreeParameter;
+use crate::prediction_error::noise_floor::errors;
 use crate::prediction_error::record::Record;
 use crate::prediction_error::screening::basis;
 use crate::prediction_error::transmission_model::{
     Channel, PlacedEffect, Residual, Setting, TransmissionModel,
 };
-use crate::prediction_error::validation::errors;
 
 /// Noise floor of each channel: the repeatability, or the residual of the fitted model if nothing
 /// was repeated.

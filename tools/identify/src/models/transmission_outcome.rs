@@ -23,12 +23,13 @@ use crate::outcome::{
 use crate::prediction_error::dataset::Dataset;
 use crate::prediction_error::free_parameter::{AT_BOUND, FreeParameter};
 use crate::prediction_error::identifiability::{Sensitivity, sensitivities};
+use crate::prediction_error::noise_floor::errors;
 use crate::prediction_error::nonparametric::NODES;
 use crate::prediction_error::nonparametric_search::UnlistedFunction;
 use crate::prediction_error::record::rms;
 use crate::prediction_error::search_result::{SearchResult, Unfinished};
 use crate::prediction_error::transmission_model::Channel;
-use crate::prediction_error::validation::{BLOCK, Validation, errors};
+use crate::prediction_error::validation::{BLOCK, Validation};
 
 /// Note on a proposal that the deadline cut short.
 const PROPOSED_EARLY: &str = "the time limit (--limit-s) passed before every movement of \
@@ -58,14 +59,30 @@ pub(super) fn conclude(
     let tests =
         |(channel, own): &(Channel, TestedResidual)| (channel.column().to_owned(), own.tests());
     outcome.residual_tests = tested.iter().map(tests).collect();
+    outcome.notes.extend(study.found.coloured.then(|| coloured(&tested)).flatten());
     let page = transmission_page::page(study, &outcome, tested)?;
     Some((outcome, page))
+}
+
+/// A note on the octave of frequency in which the final model leaves most of the error.
+fn coloured(tested: &[(Channel, TestedResidual)]) -> Option<String> {
+    let all =
+        tested.iter().flat_map(|(channel, own)| own.octaves.iter().map(move |o| (channel, o)));
+    let (channel, worst) = all.max_by(|a, b| a.1.over_floor.total_cmp(&b.1.over_floor))?;
+    Some(format!(
+        "what remains is no noise: on the selection rows the error of {} from {:.2} to {:.2} Hz is \
+         {:.1} times the noise floor",
+        channel.column(),
+        worst.from_hz,
+        worst.to_hz,
+        worst.over_floor
+    ))
 }
 
 fn outcome(study: &Study<'_>) -> Option<Outcome> {
     let found = &study.found;
     let rivals = found.contested().map_or(&[][..], |(_, step)| &step.rivals);
-    let remains = found.unlisted_function.is_some() || found.inadequate;
+    let remains = found.unlisted_function.is_some() || found.inadequate || found.coloured;
     let verdict = match Verdict::of(found.steps.len(), rivals.len(), remains) {
         _ if found.undecided => Verdict::Undecided,
         Verdict::None if found.hidden_by_friction => Verdict::Undecided,

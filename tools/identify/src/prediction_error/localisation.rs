@@ -22,12 +22,12 @@ use plant::effects::{Effect, Site};
 use rayon::prelude::*;
 
 use super::dataset::Dataset;
+use super::noise_floor::repeat_differences;
 use super::nonparametric::Variable;
 use super::probe_torque::{Action, ProbeTorque, random_signs};
 use super::record::{repeats, rms};
 use super::residual_regression::Dependence;
 use super::transmission_model::{Channel, Residual, Setting, TransmissionModel};
-use super::validation::repeat_differences;
 use crate::spectral::transform;
 
 /// Rows of a spectral segment (about one second); segments overlap by half.
@@ -48,9 +48,9 @@ const MOST_FACTOR: f64 = 1e3;
 /// Noise floor as a share of the residual's power, which regularises noise-free records.
 const LEAST_NOISE: f64 = 1e-4;
 /// A place is accepted if it leaves less than this share unexplained. Over effects of many kinds,
-/// torques at master and slave left 0.01 to 0.23 at their own place and 0.3 or more at others;
-/// effects between the two left 0.3 or more everywhere.
-const CLEAR: f64 = 0.3;
+/// torques at master and slave left 0.01 to 0.26 at their own place and 0.3 or more at others;
+/// effects between the two left 0.23 or more everywhere, and all but three of 27 more than 0.27.
+const CLEAR: f64 = 0.27;
 /// A sensor error is preferred to a torque on the slave if it leaves at most this much more: it is
 /// the more restrictive hypothesis.
 const AS_LITTLE: f64 = 0.05;
@@ -266,9 +266,25 @@ impl ProbeExperiment<'_> {
     }
 }
 
+/// White noise of the power that the residuals of master and slave have in the upper half of the
+/// spectrum, where a machine hardly moves.
+fn white_spectra(residuals: &[Residual]) -> Spectra {
+    let upper = |channel: usize| {
+        let of = residuals.iter().filter_map(|residual| residual.channels.get(channel));
+        let of = of.flat_map(|rows| segment_spectra(rows));
+        let bins = of.flat_map(|bins| bins.into_iter().skip(HIGHEST));
+        let (sum, count) =
+            bins.fold((0.0, 0.0), |(sum, count), bin| (sum + bin.norm_sqr(), count + 1.0));
+        (sum / f64::max(count, 1.0), count / (SEGMENT / 2 + 1 - HIGHEST) as f64)
+    };
+    let ((master, segments), (slave, _)) = (upper(0), upper(1));
+    let both = Vector2::new(Complex::from(master), Complex::from(slave));
+    Spectra { mean: vec![Matrix2::from_diagonal(&both); HIGHEST], segments }
+}
+
 /// Localises the unmodelled torque from the fitting and selecting records. `None` without a slave
-/// encoder, without repeated records (which give the noise spectrum), with too short records, or if
-/// only noise is left.
+/// encoder, with too short records, or if only noise is left. The noise spectrum is that of
+/// repeated records; without them, white.
 pub fn localise(
     (fit, select): (&Dataset<'_>, &Dataset<'_>),
     setting: &Setting,
@@ -293,7 +309,11 @@ pub fn localise(
         .collect();
     let [masters, slaves] = [Channel::Master, Channel::Slave]
         .map(|channel| repeat_differences(model, &pairs, &all, channel));
-    let noise = spectra(masters.iter().map(Vec::as_slice).zip(slaves.iter().map(Vec::as_slice)));
+    let mut noise =
+        spectra(masters.iter().map(Vec::as_slice).zip(slaves.iter().map(Vec::as_slice)));
+    if noise.segments < 2.0 {
+        noise = white_spectra(&here);
+    }
     if noise.segments < 2.0 {
         return None;
     }

@@ -23,7 +23,8 @@
 //!   the declared parameters projected out;
 //! - [`nonparametric`]: piecewise-linear torques of one variable, which reveal an unlisted effect;
 //! - [`nonparametric_search`]: where such functions are tried, and how each validates;
-//! - [`validation`]: errors on records that took no part in the fit, relative to the repeatability;
+//! - [`validation`]: gains on records that took no part in the fit;
+//! - [`noise_floor`]: errors relative to the repeatability, in sum and octave by octave;
 //! - [`identifiability`]: what the records tell about each declared parameter;
 //! - [`localisation`]: where an unmodelled torque enters, from the responses to a [`probe_torque`]
 //!   at each place;
@@ -51,6 +52,7 @@ mod growing_basis;
 pub mod identifiability;
 pub mod known_columns;
 pub mod localisation;
+pub mod noise_floor;
 pub mod nonparametric;
 pub mod nonparametric_search;
 pub mod parametric_bootstrap;

@@ -14,6 +14,7 @@ use rand_pcg::Pcg64Mcg;
 
 use super::backward_elimination::equivalent_site;
 use super::dataset::Dataset;
+use super::noise_floor::repeat_differences;
 use super::record::{Record, repeats, rms};
 use super::search::search;
 use super::search_result::SearchResult;
@@ -21,7 +22,7 @@ use super::sensor_correction::{advanced, hand_torque, reading_of};
 use super::transmission_model::{
     Channel, EffectGroups, OBSERVER_RAD_S, PlacedEffect, Setting, TransmissionModel,
 };
-use super::validation::{Validation, repeat_differences};
+use super::validation::Validation;
 use crate::deadline::Deadline;
 
 /// Gains of the position servo along a measured movement.

@@ -8,9 +8,9 @@ use super::dataset::{Dataset, Fitted};
 use super::fit::foremost;
 use super::free_parameter::FreeParameter;
 use super::known_columns::KnownColumns;
+use super::noise_floor::above_floor;
 use super::selection_round::FittedCandidate;
 use super::transmission_model::{PlacedEffect, SMOOTHING, SMOOTHING_STARTS, Setting};
-use super::validation::above_floor;
 
 /// Most refits of a model with an effect while it stays above the noise floor.
 const REFITS: usize = 3;

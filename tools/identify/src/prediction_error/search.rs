@@ -10,6 +10,7 @@ use super::backward_elimination::{
 };
 use super::candidates::{Candidate, candidates};
 use super::dataset::{Dataset, Fitted};
+use super::noise_floor::{above_floor, at_floor, colour};
 use super::nonparametric_search::{NonparametricResult, search_nonparametric};
 use super::record_features::record_features;
 use super::rectified_torque::{rectified_records, restore_signs};
@@ -18,9 +19,7 @@ use super::search_result::{SearchResult, SelectionStep, Unfinished};
 use super::selection_round::{FittedCandidate, SelectionRound, winner};
 use super::step_refinement::{holds_with_finer_steps, may_be_step_artefact};
 use super::transmission_model::TransmissionModel;
-use super::validation::{
-    LEAST_FIRST, LEAST_GAIN, Validation, above_floor, at_floor, is_bistable, validate,
-};
+use super::validation::{LEAST_FIRST, LEAST_GAIN, Validation, is_bistable, validate};
 use crate::deadline::Deadline;
 use crate::equation_error::block_roles::Role;
 
@@ -36,6 +35,8 @@ const RIVAL_GAIN_SHARE: f64 = 0.25;
 const EQUIVALENT_GAIN_SHARE: f64 = 0.75;
 /// Fit rounds with an equivalent effect.
 const EQUIVALENT_FIT_ROUNDS: usize = 3;
+/// Share of the colour of named effects that a nonparametric function may leave to replace them.
+const WHITER: f64 = 0.75;
 /// Fit rounds with the other instrument.
 const CHOICE_FIT_ROUNDS: usize = 4;
 
@@ -299,7 +300,9 @@ impl Search<'_> {
         let enough = floor(&fitted);
         self.found.base = fitted;
         // Effects of few rows pass at the floor; of an unobserved slave some imitate its creep.
-        let fails = |beside: Validation| model.slave_unobserved() || !beside.accepted;
+        let fails = |beside: Validation| {
+            model.slave_unobserved() || !beside.accepted || beside.gain < LEAST_GAIN
+        };
         if !named || (enough && self.beside_declared().is_some_and(fails)) {
             self.found.give_up_all();
             self.now = self.found.base.clone();
@@ -316,7 +319,11 @@ impl Search<'_> {
         }
         let deadline = self.fit.deadline;
         let above = above_floor(self.fit.model, &self.select.records, &self.now.setting);
-        let at_floor = above.is_some_and(|above| above.at_floor());
+        let colour_of =
+            |fitted: &Fitted| colour(self.fit.model, &self.select.records, &fitted.setting);
+        let colour = colour_of(&self.now).unwrap_or(0.0);
+        let coloured = colour > 1.0;
+        let at_floor = above.is_some_and(|above| above.at_floor()) && !coloured;
         if deadline.left_work_out() {
             // Names that leave the error far above the repeatability are no names.
             if above.is_some_and(|above| above.inadequate()) {
@@ -329,7 +336,7 @@ impl Search<'_> {
             self.found.conclude_early(deadline, what, at_floor);
             return self.found;
         }
-        let mut inadequate = above.is_some_and(|above| above.inadequate());
+        let mut inadequate = self.found.is_refuted(above, colour);
         let declared = &self.found.base;
         // Inadequate effects would distort a function beside them.
         let mut nonparametric =
@@ -346,7 +353,9 @@ impl Search<'_> {
                 let more = named.zip(unlisted_function).map(|(named, unlisted_function)| {
                     validate(by, &named, &unlisted_function).gain
                 });
-                if more.is_some_and(|more| more >= LEAST_GAIN) {
+                let whiter = coloured
+                    && colour_of(&best.fitted).is_some_and(|own| own < WHITER * colour.min(1.0));
+                if whiter || more.is_some_and(|more| more >= LEAST_GAIN) {
                     (inadequate, nonparametric) = (true, Some(anonymous));
                 }
             }
@@ -354,10 +363,11 @@ impl Search<'_> {
         let nonparametric = match nonparametric {
             Some(nonparametric) => nonparametric,
             None if at_floor => NonparametricResult::default(),
-            None => search_nonparametric(self.views(), &self.now, false),
+            None => search_nonparametric(self.views(), &self.now, coloured),
         };
         self.found.set_nonparametric(nonparametric);
         self.found.inadequate = inadequate;
+        self.found.coloured = coloured;
         if inadequate {
             self.found.give_up_all();
         }

@@ -4,9 +4,10 @@ use plant::effects::Site;
 
 use super::dataset::{Dataset, Fitted};
 use super::localisation::Localisation;
+use super::noise_floor::{AboveFloor, REFUTED_COLOUR, above_floor, colour};
 use super::nonparametric_search::{NonparametricResult, UnlistedFunction, search_nonparametric};
 use super::transmission_model::TransmissionModel;
-use super::validation::{Validation, above_floor};
+use super::validation::Validation;
 use crate::deadline::Deadline;
 use crate::equation_error::block_roles::Role;
 
@@ -51,10 +52,13 @@ pub struct SearchResult {
     /// The best of them, if it passes; where the listed effects are inadequate, a smaller gain than
     /// that suffices.
     pub unlisted_function: Option<UnlistedFunction>,
-    /// Where the unmodelled torque enters; only if no listed effect is adequate.
+    /// Where the unmodelled torque enters; only if no listed effect is adequate, or if what the
+    /// effects leave is no noise.
     pub localisation: Option<Localisation>,
     /// Whether the error stays so far above the noise floor that no listed effect is adequate.
     pub inadequate: bool,
+    /// Whether what the final model leaves is no noise.
+    pub coloured: bool,
     /// Whether the error stays far above the repeatability, but no further than the unknown passage
     /// of an unobserved slave's friction through zero speed may leave it.
     pub hidden_by_friction: bool,
@@ -86,15 +90,16 @@ impl SearchResult {
 
     /// Returns where an unlisted effect acts if no function of one variable explains it.
     pub fn acts_at(&self) -> Option<Site> {
-        let localisation = self
-            .localisation
-            .as_ref()
-            .filter(|_| self.inadequate && self.unlisted_function.is_none())?;
-        // Motor torque acts on the master too; only the variable distinguishes the two.
+        let localisation = self.localisation.as_ref()?;
+        if self.unlisted_function.is_some() {
+            return None;
+        }
+        // Motor torque acts on the master too; only what it depends on distinguishes the two, and
+        // regressions are on the motion.
         let best = self.nonparametric.first().filter(|best| best.gain > 0.0);
-        match localisation.site() {
-            Site::Master => Some(best.map_or(Site::Master, |best| best.site)),
-            own => Some(own),
+        match (localisation.site(), &localisation.dependence) {
+            (Site::Master, None) => Some(best.map_or(Site::Master, |best| best.site)),
+            (own, _) => Some(own),
         }
     }
 
@@ -129,16 +134,25 @@ impl SearchResult {
         let [fit, select] =
             [Role::Fit, Role::Select].map(|role| Dataset::of(model, role).until(deadline));
         let above = above_floor(model, &select.records, &self.last().setting);
-        if above.is_none_or(|above| above.at_floor()) {
+        let colour = colour(model, &select.records, &self.last().setting).unwrap_or(0.0);
+        self.coloured = colour > 1.0;
+        if !self.coloured && above.is_none_or(|above| above.at_floor()) {
             return;
         }
-        self.inadequate = above.is_some_and(|above| above.inadequate());
+        self.inadequate = self.is_refuted(above, colour);
         let now = if self.inadequate { &self.base } else { self.last() };
         self.set_nonparametric(search_nonparametric((&fit, &select), now, self.inadequate));
         if self.inadequate {
             self.give_up_all();
         }
         self.conclude_early(deadline, Unfinished::Functions, false);
+    }
+
+    /// Whether the error lies so far above the noise floor, in sum or over the octaves
+    /// ([`colour`]), that no listed effect is adequate. Without one, any colour tells that.
+    pub(super) fn is_refuted(&self, above: Option<AboveFloor>, colour: f64) -> bool {
+        above.is_some_and(|above| above.inadequate())
+            || colour > if self.steps.is_empty() { 1.0 } else { REFUTED_COLOUR }
     }
 
     /// Notes what a deadline left unfinished, if it did; only the first is noted.

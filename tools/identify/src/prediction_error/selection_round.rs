@@ -10,9 +10,10 @@ use super::dataset::{Dataset, Fitted};
 use super::free_parameter::{AT_BOUND, FreeParameter};
 use super::known_columns::KnownColumns;
 use super::localisation::localise;
+use super::noise_floor::at_floor;
 use super::screening::{Projection, ScoredCandidate};
 use super::transmission_model::{PlacedEffect, Residual, Setting, TransmissionModel};
-use super::validation::{LEAST_FIRST, Validation, at_floor, validate_beside};
+use super::validation::{LEAST_FIRST, Validation, validate_beside};
 
 /// Gains within this share of the best count as equal: the fewest parameters win.
 const EQUAL_GAIN_SHARE: f64 = 0.97;
