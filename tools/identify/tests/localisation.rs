@@ -6,7 +6,8 @@ use std::f64::consts::TAU;
 
 use identify::equation_error::block_roles::Role;
 use identify::prediction_error::dataset::Dataset;
-use identify::prediction_error::localisation::{Localisation, Location, localise};
+use identify::prediction_error::localisation::localise;
+use identify::prediction_error::location::{Localisation, Location};
 use identify::prediction_error::nonparametric::Variable;
 use identify::prediction_error::record::share_out;
 use identify::prediction_error::refit::fit_base;

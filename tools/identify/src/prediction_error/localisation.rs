@@ -22,11 +22,10 @@ use plant::effects::{Effect, Site};
 use rayon::prelude::*;
 
 use super::dataset::Dataset;
+use super::location::{Localisation, Location};
 use super::noise_floor::repeat_differences;
-use super::nonparametric::Variable;
 use super::probe_torque::{Action, ProbeTorque, random_signs};
 use super::record::{repeats, rms};
-use super::residual_regression::Dependence;
 use super::transmission_model::{Channel, Residual, Setting, TransmissionModel};
 use crate::spectral::transform;
 
@@ -47,92 +46,6 @@ const LEAST_FACTOR: f64 = 1e-3;
 const MOST_FACTOR: f64 = 1e3;
 /// Noise floor as a share of the residual's power, which regularises noise-free records.
 const LEAST_NOISE: f64 = 1e-4;
-/// A place is accepted if it leaves less than this share unexplained. Over effects of many kinds,
-/// torques at master and slave left 0.01 to 0.26 at their own place and 0.3 or more at others;
-/// effects between the two left 0.23 or more everywhere, and all but three of 27 more than 0.27.
-const CLEAR: f64 = 0.27;
-/// A sensor error is preferred to a torque on the slave if it leaves at most this much more: it is
-/// the more restrictive hypothesis.
-const AS_LITTLE: f64 = 0.05;
-
-/// A place at which a torque can enter.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Location {
-    /// The master, with the motor.
-    Master,
-    /// The slave.
-    Slave,
-    /// The moving mass in the lines.
-    Line,
-    /// The torque sensor.
-    Cell,
-}
-
-impl Location {
-    /// Its name.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Master => "master",
-            Self::Slave => "slave",
-            Self::Line => "line",
-            Self::Cell => "torque cell",
-        }
-    }
-}
-
-/// Unexplained share of the residual power, place by place.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Localisation {
-    /// Share that no torque at the place explains, 0 to 1. The torque sensor needs records with and
-    /// without a hand, and is omitted otherwise.
-    pub left: Vec<(Location, f64)>,
-    /// What it depends on, where no function of one variable explains it and a regression does.
-    pub dependence: Option<Dependence>,
-}
-
-impl Localisation {
-    fn of(&self, place: Location) -> Option<f64> {
-        self.left.iter().find(|(own, _)| *own == place).map(|(_, left)| *left)
-    }
-
-    /// Returns the site at which it acts (master for master or drive).
-    pub fn site(&self) -> Site {
-        let best = [
-            (Site::Master, Location::Master),
-            (Site::Slave, Location::Slave),
-            (Site::Line, Location::Line),
-        ]
-        .into_iter()
-        .filter_map(|(site, place)| Some((site, self.of(place)?)))
-        .min_by(|a, b| a.1.total_cmp(&b.1));
-        let cell = self.of(Location::Cell).unwrap_or(1.0);
-        match best {
-            Some((site, left)) if left.min(cell) >= CLEAR || site == Site::Line => Site::Line,
-            Some((_, left)) if cell <= left + AS_LITTLE => Site::Sensor,
-            Some((site, _)) => site,
-            None => Site::Line,
-        }
-    }
-
-    /// Whether an effect at a site is compatible with this localisation. What acts between the
-    /// sides is compatible with all.
-    pub fn may_be_at(&self, site: Site) -> bool {
-        match (self.site(), site) {
-            (Site::Line, _) | (_, Site::Line) => true,
-            (Site::Master, _) => matches!(site, Site::Master | Site::Drive),
-            (Site::Slave, Site::Sensor) => self.of(Location::Cell).is_none(),
-            (own, _) => own == site,
-        }
-    }
-
-    /// Whether a nonparametric function at a site and of a variable is compatible.
-    pub fn allows(&self, (site, variable): (Site, Variable)) -> bool {
-        // A function of the line's force acts on both of its ends.
-        let between = site == Site::Line || variable == Variable::Force;
-        if self.site() == Site::Line { between } else { !between && self.may_be_at(site) }
-    }
-}
-
 /// Cross-spectral matrices of master and slave, averaged over segments, and their number.
 struct Spectra {
     mean: Vec<Matrix2<Complex<f64>>>,
@@ -413,51 +326,6 @@ impl Sums {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    fn shares(master: f64, slave: f64, line: f64, cell: Option<f64>) -> Localisation {
-        let sides = [(Location::Master, master), (Location::Slave, slave), (Location::Line, line)];
-        Localisation {
-            left: sides.into_iter().chain(cell.map(|left| (Location::Cell, left))).collect(),
-            dependence: None,
-        }
-    }
-
-    #[test]
-    fn the_place_with_the_least_unexplained_power_or_the_line() {
-        assert_eq!(shares(0.03, 0.9, 0.4, Some(0.95)).site(), Site::Master);
-        assert_eq!(shares(0.8, 0.05, 0.6, Some(0.9)).site(), Site::Slave);
-        assert_eq!(shares(0.8, 0.05, 0.6, None).site(), Site::Slave);
-        assert_eq!(shares(0.4, 0.5, 0.12, Some(0.9)).site(), Site::Line);
-        assert_eq!(shares(0.4, 0.5, 0.45, Some(0.9)).site(), Site::Line);
-        // The cell has less to explain with than the slave, and nearly always explains a little
-        // less.
-        assert_eq!(shares(0.8, 0.05, 0.6, Some(0.08)).site(), Site::Sensor);
-        assert_eq!(shares(0.8, 0.19, 0.6, Some(0.13)).site(), Site::Sensor);
-    }
-
-    #[test]
-    fn functions_are_allowed_at_the_localised_place() {
-        let master = shares(0.03, 0.9, 0.4, Some(0.95));
-        assert!(
-            master.allows((Site::Drive, Variable::Voltage))
-                && master.allows((Site::Master, Variable::Velocity))
-        );
-        assert!(
-            !master.allows((Site::Master, Variable::Force))
-                && !master.allows((Site::Slave, Variable::Velocity))
-        );
-        let between = shares(0.4, 0.5, 0.45, Some(0.9));
-        assert!(
-            between.allows((Site::Line, Variable::Deflection))
-                && between.allows((Site::Slave, Variable::Force))
-        );
-        assert!(!between.allows((Site::Slave, Variable::Position)));
-        let cell = shares(0.8, 0.05, 0.6, Some(0.05));
-        assert!(
-            cell.allows((Site::Sensor, Variable::Torque))
-                && !cell.allows((Site::Slave, Variable::Torque))
-        );
-    }
 
     #[test]
     fn responses_are_those_to_the_cause() {

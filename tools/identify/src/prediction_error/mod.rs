@@ -28,6 +28,7 @@
 //! - [`identifiability`]: what the records tell about each declared parameter;
 //! - [`localisation`]: where an unmodelled torque enters, from the responses to a [`probe_torque`]
 //!   at each place;
+//! - [`location`]: the place that follows, and what may act there;
 //! - [`residual_regression`]: on which recorded signals an unmodelled torque depends that is no
 //!   function of one variable;
 //! - [`recorded_signals`]: those signals;
@@ -52,6 +53,7 @@ mod growing_basis;
 pub mod identifiability;
 pub mod known_columns;
 pub mod localisation;
+pub mod location;
 pub mod noise_floor;
 pub mod nonparametric;
 pub mod nonparametric_search;

@@ -5,7 +5,8 @@ use rayon::prelude::*;
 
 use super::dataset::{Dataset, Fitted};
 use super::free_parameter::{FreeParameter, NODE_BOUND};
-use super::localisation::{Localisation, localise};
+use super::localisation::localise;
+use super::location::Localisation;
 use super::nonparametric::{NODES, PLACES, PiecewiseLinear, Variable};
 use super::residual_regression::regress;
 use super::screening::Projection;

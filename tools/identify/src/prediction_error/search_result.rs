@@ -3,7 +3,7 @@
 use plant::effects::Site;
 
 use super::dataset::{Dataset, Fitted};
-use super::localisation::Localisation;
+use super::location::Localisation;
 use super::noise_floor::{AboveFloor, REFUTED_COLOUR, above_floor, colour};
 use super::nonparametric_search::{NonparametricResult, UnlistedFunction, search_nonparametric};
 use super::transmission_model::TransmissionModel;
