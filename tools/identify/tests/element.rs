@@ -146,6 +146,47 @@ fn dry_friction_is_measured() {
     close(&outcome, "coulomb", 1.5, 0.05);
 }
 
+/// A part with 8 N of dry friction, 12 s at 500 Hz: sines, or strokes that rest at their upper end
+/// for `rest_s`, where the friction keeps 6 N of what it had.
+fn with_friction(name: &str, rest_s: f64) -> identify::input::Series {
+    let mut noise = Noise(name.len() as u64 * 77 + 5);
+    let (mut time, mut position, mut force) = (Vec::new(), Vec::new(), Vec::new());
+    let tau = std::f64::consts::TAU;
+    // A stroke of one second whose speed and acceleration start and end at zero.
+    let stroke = |p: f64| (p - (tau * p).sin() / tau, 1.0 - (tau * p).cos());
+    for i in 0..6000 {
+        let t = f64::from(i) * 2e-3;
+        let (x, v) = match t % (2.0 + rest_s) {
+            _ if rest_s == 0.0 => {
+                let w = tau * (0.5 + 0.05 * name.len() as f64);
+                (3e-3 * (w * t).sin(), 3e-3 * w * (w * t).cos())
+            }
+            p if p < 1.0 => (3e-3 * stroke(p).0, 3e-3 * stroke(p).1),
+            p if p < 1.0 + rest_s => (3e-3, 0.0),
+            p => (3e-3 * (1.0 - stroke(p - 1.0 - rest_s).0), -3e-3 * stroke(p - 1.0 - rest_s).1),
+        };
+        let friction = if v == 0.0 { 6.0 } else { 8.0 * v.signum() };
+        time.push(t);
+        position.push((x / 1e-7).round() * 1e-7);
+        force.push(STIFFNESS * x + DAMPING * v + OFFSET + friction + 0.08 * noise.normal());
+    }
+    series(name, [("t_s", time), ("position_m", position), ("force_n", force)])
+}
+
+#[test]
+fn friction_at_rest_is_neither_inertia_nor_a_function_of_one_variable() {
+    let records = [("a.csv", 0.0), ("bb.csv", 0.0), ("ccc.csv", 0.2), ("d.csv", 2.0)]
+        .into_iter()
+        .chain([("eeee.csv", 0.0)])
+        .map(|(name, rest_s)| with_friction(name, rest_s));
+    let mut model = declared(0.25, 0.5);
+    model
+        .parameters
+        .extend(rig(Element, vec![parameter("coulomb_friction_n", 7.0, 0.5, None)]).parameters);
+    let outcome = run(&model, &records.collect::<Vec<_>>()).unwrap();
+    assert_eq!(outcome.verdict, Verdict::None, "{:?} {:?}", ids(&outcome), outcome.unlisted);
+}
+
 #[test]
 fn a_record_of_two_and_a_half_seconds_is_enough() {
     for seed in 1..=4 {

@@ -146,9 +146,10 @@ impl Adequacy {
         notes
     }
 
-    /// Whether a large error is left that is not noise.
+    /// Whether a large error is left that is not noise: large without what noise of the position
+    /// leaves, which is the instrument's and coloured by the mass.
     pub(super) fn is_coloured(&self) -> bool {
-        self.reported_moving_percent > SMALL_PERCENT
+        self.reported_moving_percent * (1.0 - self.noise_share).max(0.0).sqrt() > SMALL_PERCENT
             && self.correlation > MOST_CORRELATION
             && self.noise_share < MOST_NOISE
     }
@@ -224,6 +225,9 @@ mod tests {
         };
         assert!(coloured.is_coloured());
         assert!(!Adequacy { noise_share: 0.6, ..coloured }.is_coloured());
+        // Of 11.5 %, noise leaves what makes the rest 9.6 %.
+        let small = Adequacy { reported_moving_percent: 11.5, noise_share: 0.3, ..coloured };
+        assert!(!small.is_coloured() && Adequacy { noise_share: 0.1, ..small }.is_coloured());
         let at_rest = Adequacy { reported_moving_percent: 3.0, noise_share: 0.0, ..coloured };
         assert!(!at_rest.is_coloured());
         assert_eq!((coloured.notes().len(), at_rest.notes().len()), (1, 1));

@@ -118,7 +118,8 @@ impl Search<'_> {
         let FittedModel { structure, fitted, .. } = &model;
         validation.exclude_if(
             regression.sampling_delay(structure, fitted).is_some()
-                || regression.shape_at_end(structure, fitted),
+                || regression.shape_at_end(structure, fitted)
+                || !self.passes_while_moving(current, fitted),
         );
         Some(FittedCandidate { sited, validation, model, block_errors, screened_only: false })
     }

@@ -106,6 +106,17 @@ impl Search<'_> {
         tried
     }
 
+    /// Whether what was added to a model passes on the rows in which the machine moves, too: at
+    /// rest dry friction takes any value below its limit. Of an output that is simulated, this is
+    /// not asked.
+    pub(super) fn passes_while_moving(&self, model: &FittedModel<'_>, with: &Fitted) -> bool {
+        let Predictor::EquationError(_) = self.predictor else { return true };
+        let [before, after] = [&model.fitted, with].map(|fitted| {
+            self.predictor.moving_mean_squares(&model.structure, fitted, &self.select)
+        });
+        validate("", &before, &after).accepted
+    }
+
     fn nonparametric_in(
         &self,
         current: &FittedModel<'_>,
@@ -120,8 +131,10 @@ impl Search<'_> {
         let fitted = regression.fit(&wider, &self.fit, &known.shapes, ShapeSearch::Fixed)?;
         let [before, after] =
             [known, &fitted].map(|fitted| self.screening().mean_squares(fitted, &self.select));
+        let mut validation = validate(variable.name(), &before, &after);
+        validation.exclude_if(!self.passes_while_moving(current, &fitted));
         let screened = NonparametricFit {
-            validation: validate(variable.name(), &before, &after),
+            validation,
             unlisted: Unlisted::new(variable, &spline, &fitted),
             size: regression.size_of_last(&fitted, spline.knots.len(), &self.select),
             screened_only: false,

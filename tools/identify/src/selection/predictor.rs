@@ -54,6 +54,27 @@ impl Predictor<'_> {
         blocks.iter().map(|block| mean(self.residual(fitted, block))).collect()
     }
 
+    /// As [`Self::mean_squares`], over the rows in which the machine moves, if dry friction is in
+    /// the model: at rest it takes any value below its limit, and what explains a force there
+    /// explains nothing.
+    pub fn moving_mean_squares(
+        &self,
+        structure: &Structure<'_>,
+        fitted: &Fitted,
+        blocks: &[Block],
+    ) -> Vec<f64> {
+        let of = |block: &Block| {
+            let residual = self.residual(fitted, block);
+            let at_rest = self.at_rest(structure, block).unwrap_or_default();
+            let moves = |row: usize| !at_rest.get(row).copied().unwrap_or(false);
+            let moving = residual.iter().enumerate().filter(|(row, _)| moves(*row));
+            let (sum, rows) =
+                moving.fold((0.0, 0usize), |(sum, rows), (_, e)| (sum + e * e, rows + 1));
+            sum / rows.max(1) as f64
+        };
+        blocks.iter().map(of).collect()
+    }
+
     /// Root mean square of the residual over some blocks, and of the channel over the same rows.
     pub fn error(&self, fitted: &Fitted, blocks: &[Block]) -> (f64, f64) {
         let squares = |values: &[f64]| values.iter().map(|value| value * value).sum::<f64>();

@@ -260,7 +260,8 @@ impl<'a> Search<'a> {
         let fitted = regression.fit(&structure, &self.fit, &[], ShapeSearch::Refine)?;
         let model = FittedModel { structure, fitted, equation_error_fit: None };
         let [before, alone] = [base, &model].map(|model| self.relative_errors(model));
-        if !validate("", &before, &alone).accepted {
+        if !validate("", &before, &alone).accepted || !self.passes_while_moving(base, &model.fitted)
+        {
             return None;
         }
         let allowed = Choice {
