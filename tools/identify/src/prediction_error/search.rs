@@ -35,6 +35,8 @@ const RIVAL_GAIN_SHARE: f64 = 0.25;
 const EQUIVALENT_GAIN_SHARE: f64 = 0.75;
 /// Fit rounds with an equivalent effect.
 const EQUIVALENT_FIT_ROUNDS: usize = 3;
+/// Colour below which an error is as white as those of right models mostly are.
+const WHITE: f64 = 0.7;
 /// Share of the colour of named effects that a nonparametric function may leave to replace them.
 const WHITER: f64 = 0.75;
 /// Fit rounds with the other instrument.
@@ -169,11 +171,13 @@ impl Search<'_> {
     }
 
     /// Substitutes effects by runners-up that do clearly better beside the rest, until the noise
-    /// floor is reached.
+    /// floor is reached in every octave.
     fn substitute(&mut self) {
         let count = self.found.steps.len();
         for at in (0..count).filter(|_| count > 1) {
-            if at_floor(self.fit.model, &self.select.records, &self.now.setting) {
+            let (model, records) = (self.fit.model, &self.select.records);
+            let white = || colour(model, records, &self.now.setting).is_none_or(|own| own < WHITE);
+            if at_floor(model, records, &self.now.setting) && white() {
                 return;
             }
             let runners_up = if at + 1 == count { &self.latest } else { &self.runners_up };
