@@ -195,16 +195,7 @@ fn longest(segments: &[Vec<f64>]) -> Option<usize> {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    /// Reproducible noise between -0.5 and 0.5.
-    fn noise(seed: u64, rows: usize) -> Vec<f64> {
-        let mut state = seed;
-        let of = (0..rows).map(|_| {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
-            (state >> 33) as f64 / f64::from(1u32 << 31) - 0.5
-        });
-        of.collect()
-    }
+    use crate::test_noise::noise;
 
     fn lagged(column: &[f64], kept: f64) -> Vec<f64> {
         let mut value = 0.0;

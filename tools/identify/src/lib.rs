@@ -31,6 +31,8 @@ mod run;
 pub mod selection;
 pub mod spectral;
 pub mod study;
+#[cfg(test)]
+mod test_noise;
 pub mod write_rig;
 
 pub use args::Args;

@@ -122,7 +122,12 @@ pub const OCTAVES: usize = 8;
 const SEGMENT: usize = 512;
 
 /// Number of bins in each octave of [`octave_powers`].
-pub const OCTAVE_BINS: [usize; OCTAVES] = [128, 64, 32, 16, 8, 4, 2, 2];
+const OCTAVE_BINS: [usize; OCTAVES] = [128, 64, 32, 16, 8, 4, 2, 2];
+
+/// Share of the mean square of white noise that lies in each octave of [`octave_powers`].
+pub fn white_shares() -> [f64; OCTAVES] {
+    OCTAVE_BINS.map(|bins| bins as f64 / (SEGMENT / 2) as f64)
+}
 
 /// The mean square of a signal in each octave of frequency, the highest first: from half to a
 /// quarter of the sampling frequency, and so on; the last one takes what is below. Averaged over
@@ -195,6 +200,7 @@ impl LowPass {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::test_noise::noise;
 
     fn tones(t: f64) -> (f64, f64, f64) {
         let mut sum = (0.3, 0.0, 0.0);
@@ -257,18 +263,11 @@ mod tests {
         // 15.6 to 31.25 Hz.
         assert!((powers[2] - 0.245).abs() < 1e-3, "{powers:?}");
         assert!(powers.iter().sum::<f64>() - powers[2] < 1e-3, "{powers:?}");
-        let mut state = 1u64;
-        let white: Vec<f64> = (0..200_000)
-            .map(|_| {
-                state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
-                (state >> 33) as f64 / f64::from(1u32 << 31) - 0.5
-            })
-            .collect();
+        let white = noise(1, 200_000);
         let powers = octave_powers(&white).unwrap();
         assert!((powers.iter().sum::<f64>() - 1.0 / 12.0).abs() < 1e-3, "{powers:?}");
-        for (power, bins) in powers.iter().zip(OCTAVE_BINS) {
-            let expected = bins as f64 / 256.0 / 12.0;
-            assert!((power / expected - 1.0).abs() < 0.2, "{powers:?}");
+        for (power, share) in powers.iter().zip(white_shares()) {
+            assert!((power / (share / 12.0) - 1.0).abs() < 0.2, "{powers:?}");
         }
         assert!(octave_powers(&white[..511]).is_none());
     }

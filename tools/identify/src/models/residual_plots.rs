@@ -212,6 +212,7 @@ fn density(segments: &[Vec<f64>], step_s: f64) -> (Vec<f64>, Vec<f64>) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::test_noise::noise;
 
     #[test]
     fn equal_curves_are_drawn_once() {
@@ -270,13 +271,7 @@ mod tests {
     #[test]
     fn density_of_a_known_tone_and_of_known_noise() {
         // White: the mean square over the band of half the sampling frequency.
-        let mut seed = 1u64;
-        let noise: Vec<f64> = (0..4000)
-            .map(|_| {
-                seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
-                (seed >> 33) as f64 / f64::from(1u32 << 31) - 0.5
-            })
-            .collect();
+        let noise = noise(1, 4000);
         let (hz, amplitude) = density(&[noise[..2000].to_vec(), noise[2000..].to_vec()], 4e-3);
         let expected = (1.0 / 12.0 / 125.0_f64).sqrt();
         let high = hz.iter().zip(&amplitude).filter(|(hz, _)| **hz > 20.0);

@@ -20,7 +20,7 @@ pub(super) fn tested(study: &Study<'_>) -> Option<Vec<(Channel, TestedResidual)>
         tested.octaves = own.map_or_else(Vec::new, |own| octaves(own, tested.step_s));
         Some((channel, tested))
     };
-    Some([Channel::Master, Channel::Slave, Channel::Torque].into_iter().filter_map(of).collect())
+    Some(Channel::ALL.into_iter().filter_map(of).collect())
 }
 
 /// The octaves of a channel whose rows are `step_s` apart (s).

@@ -10,7 +10,7 @@ use super::dataset::Dataset;
 use super::record::{Record, repeats, rms};
 use super::transmission_model::{Channel, Residual, SMOOTHING_SHAPE, Setting, TransmissionModel};
 use crate::equation_error::block_roles::Role;
-use crate::spectral::{OCTAVE_BINS, OCTAVES, octave_powers};
+use crate::spectral::{OCTAVES, octave_powers, white_shares};
 
 /// Repeated records with an error within this factor of the repeatability are at the noise floor.
 const AT_FLOOR: f64 = 1.2;
@@ -24,8 +24,6 @@ const OTHERS_WELL_AT_FLOOR: f64 = 1.25;
 const INADEQUATE: f64 = 1.6;
 /// The same factor for records of other movements.
 const OTHERS_INADEQUATE: f64 = 5.0;
-/// Number of bins in all octaves.
-const ALL_BINS: usize = 256;
 /// Change of the friction's smoothing shape that stands for what is not known of it.
 const UNKNOWN_SHAPE: f64 = 0.5;
 /// Geometric mean over the octaves of the error over the repeatability, beyond which what a model
@@ -38,7 +36,7 @@ const MOST_COLOUR_SLAVE: f64 = 2.0;
 /// Twice as much where nothing is repeated, and the floor is that of white noise.
 const UNREPEATED: f64 = 2.0;
 /// Multiple of those limits beyond which a model is refuted whatever it gained.
-pub const REFUTED_COLOUR: f64 = 2.0;
+const REFUTED_COLOUR: f64 = 2.0;
 /// Differences below this share of the movement's rms are ignored.
 const LEAST_SHARE: f64 = 5e-4;
 
@@ -60,7 +58,7 @@ fn errors_of(
 ) -> Vec<(Channel, f64, Option<f64>)> {
     let pairs = repeats(&model.records);
     let mut out = Vec::new();
-    for channel in [Channel::Master, Channel::Slave, Channel::Torque] {
+    for channel in Channel::ALL {
         let of = |record: usize| model.channel_of(record, &residuals[record], channel);
         let rows: Vec<f64> =
             records.iter().filter_map(|record| of(*record)).flatten().copied().collect();
@@ -133,8 +131,9 @@ fn typical_powers<'a>(signals: impl Iterator<Item = &'a Vec<f64>>) -> Option<[f6
 /// Ratios of an error to a floor from their powers in each octave. Without a floor it is white
 /// noise of the error's power in the highest octave. It is at least white noise of the rms `least`.
 fn ratios(error: [f64; OCTAVES], floor: Option<[f64; OCTAVES]>, least: f64) -> [f64; OCTAVES] {
-    let white = |square: f64| OCTAVE_BINS.map(|bins| square * bins as f64 / ALL_BINS as f64);
-    let unrepeated = || white(error[0] * ALL_BINS as f64 / OCTAVE_BINS[0] as f64);
+    let shares = white_shares();
+    let white = |square: f64| shares.map(|share| square * share);
+    let unrepeated = || white(error[0] / shares[0]);
     let (floor, least) = (floor.unwrap_or_else(unrepeated), white(least * least));
     std::array::from_fn(|octave| (error[octave] / floor[octave].max(least[octave])).sqrt())
 }
@@ -155,17 +154,16 @@ pub fn octave_ratios(
         let ratios = ratios(error, floor, rounding(model, channel));
         Some(OctaveRatios { channel, ratios, repeated: floor.is_some() })
     };
-    [Channel::Master, Channel::Slave, Channel::Torque].into_iter().filter_map(of).collect()
+    Channel::ALL.into_iter().filter_map(of).collect()
 }
 
 /// The largest [`OctaveRatios::colour`] of the channels; `None` where it is not known, and where no
 /// record has the slave's position: its creep, which no model predicts then, is slow.
-pub fn colour(model: &TransmissionModel, records: &[usize], setting: &Setting) -> Option<f64> {
+fn colour(model: &TransmissionModel, records: &[usize], residuals: &[Residual]) -> Option<f64> {
     if model.slave_unobserved() {
         return None;
     }
-    let residuals = Dataset::whole(model).residuals(setting)?;
-    let ratios = octave_ratios(model, records, &residuals);
+    let ratios = octave_ratios(model, records, residuals);
     ratios.iter().map(OctaveRatios::colour).max_by(f64::total_cmp)
 }
 
@@ -231,6 +229,57 @@ impl AboveFloor {
     }
 }
 
+/// How far the error of a model lies above the noise floor.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct FloorComparison {
+    /// In the sum over all frequencies; `None` if nothing is repeated.
+    pub in_sum: Option<AboveFloor>,
+    /// Over the octaves, relative to the limit of noise ([`OctaveRatios::colour`]), in the worst
+    /// channel; `None` if not known.
+    pub colour: Option<f64>,
+}
+
+impl FloorComparison {
+    /// Of a setting, along some records; nothing is known where one cannot be simulated.
+    pub fn of(model: &TransmissionModel, records: &[usize], setting: &Setting) -> Self {
+        let Some(residuals) = Dataset::whole(model).residuals(setting) else {
+            return Self::default();
+        };
+        Self {
+            in_sum: above_floor_of(model, records, &repeated(model), (setting, &residuals)),
+            colour: colour(model, records, &residuals),
+        }
+    }
+
+    /// Whether nothing is left to explain in the sum over all frequencies.
+    pub fn at_floor_in_sum(&self) -> bool {
+        self.in_sum.is_some_and(|above| above.at_floor())
+    }
+
+    /// Whether what is left is no noise.
+    pub fn is_coloured(&self) -> bool {
+        self.colour.is_some_and(|colour| colour > 1.0)
+    }
+
+    /// Whether no listed effect is adequate, in the sum or over the octaves; without an effect
+    /// that was `named`, any colour tells that one is missing.
+    pub fn refutes(&self, named: bool) -> bool {
+        let most = if named { REFUTED_COLOUR } else { 1.0 };
+        self.in_sum.is_some_and(|above| above.inadequate())
+            || self.colour.is_some_and(|colour| colour > most)
+    }
+}
+
+/// The repeated records that do not report.
+fn repeated(model: &TransmissionModel) -> Vec<usize> {
+    let pairs = repeats(&model.records);
+    let mut repeated: Vec<usize> = pairs.into_iter().flat_map(|(a, b)| [a, b]).collect();
+    repeated.sort_unstable();
+    repeated.dedup();
+    repeated.retain(|record| model.records[*record].role != Role::Report);
+    repeated
+}
+
 /// Returns the error relative to the noise floor, geometric mean over records; `None` if nothing is
 /// repeated or a record cannot be simulated. Of reporting records only the difference from their
 /// repeats is used, never their error.
@@ -239,16 +288,25 @@ pub fn above_floor(
     records: &[usize],
     setting: &Setting,
 ) -> Option<AboveFloor> {
-    let mut repeated: Vec<usize> =
-        repeats(&model.records).into_iter().flat_map(|(a, b)| [a, b]).collect();
-    repeated.sort_unstable();
-    repeated.dedup();
-    repeated.retain(|record| model.records[*record].role != Role::Report);
+    let repeated = repeated(model);
     if repeated.is_empty() {
         return None;
     }
     let residuals = Dataset::whole(model).residuals(setting)?;
-    let floors = errors_of(model, records, &residuals);
+    above_floor_of(model, records, &repeated, (setting, &residuals))
+}
+
+/// As [`above_floor`], from the residuals of all records.
+fn above_floor_of(
+    model: &TransmissionModel,
+    records: &[usize],
+    repeated: &[usize],
+    (setting, residuals): (&Setting, &[Residual]),
+) -> Option<AboveFloor> {
+    if repeated.is_empty() {
+        return None;
+    }
+    let floors = errors_of(model, records, residuals);
     let typical = |records: &[usize]| -> Vec<(Channel, f64)> {
         let of = |channel: Channel| {
             let rows = records
@@ -270,10 +328,10 @@ pub fn above_floor(
         });
         ratios.fold(0.0, f64::max)
     };
-    let both = |unknown: &[(Channel, f64)]| [worst(&repeated, unknown), worst(records, unknown)];
+    let both = |unknown: &[(Channel, f64)]| [worst(repeated, unknown), worst(records, unknown)];
     let [on_repeated, on_others] = both(&[]);
     let beside_friction = match model.slave_unobserved() && on_repeated > INADEQUATE {
-        true => both(&changed_by_shape(model, &repeated, (setting, &residuals))),
+        true => both(&changed_by_shape(model, repeated, (setting, residuals))),
         false => [on_repeated, on_others],
     };
     Some(AboveFloor { repeated: on_repeated, others: on_others, beside_friction })
@@ -318,12 +376,8 @@ mod tests {
 
     /// Noise as encoder counts leave it: white, of unit variance.
     fn noise(seed: u64) -> Vec<f64> {
-        let mut state = seed;
-        let uniform = (0..8192).map(|_| {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
-            (state >> 33) as f64 / f64::from(1u32 << 31) - 0.5
-        });
-        uniform.map(|value| 12f64.sqrt() * value).collect()
+        let uniform = crate::test_noise::noise(seed, 8192);
+        uniform.into_iter().map(|value| 12f64.sqrt() * value).collect()
     }
 
     #[test]

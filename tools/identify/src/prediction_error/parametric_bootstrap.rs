@@ -145,7 +145,7 @@ pub fn simulated_null(
 fn disturbances(model: &TransmissionModel, setting: &Setting) -> Option<DisturbanceRecords> {
     let residuals = Dataset::whole(model).residuals(setting)?;
     let pairs = repeats(&model.records);
-    let disturbances = [Channel::Master, Channel::Slave, Channel::Torque].map(|channel| {
+    let disturbances = Channel::ALL.map(|channel| {
         let mut of = repeat_differences(model, &pairs, &residuals, channel);
         if of.is_empty() {
             let own = |(index, residual)| model.channel_of(index, residual, channel).cloned();
@@ -223,8 +223,8 @@ impl NullModel<'_> {
         let mut generator = Pcg64Mcg::seed_from_u64(seed ^ 0x6368_616e_6365);
         let mut simulate = self.model.clone();
         for record in &mut simulate.records {
-            let noises = [Channel::Master, Channel::Slave, Channel::Torque]
-                .map(|channel| self.disturbance(channel, record, &mut generator));
+            let noises =
+                Channel::ALL.map(|channel| self.disturbance(channel, record, &mut generator));
             *record = self.record(record, sizes, &noises)?;
         }
         Some(simulate)

@@ -10,7 +10,7 @@ use super::backward_elimination::{
 };
 use super::candidates::{Candidate, candidates};
 use super::dataset::{Dataset, Fitted};
-use super::noise_floor::{above_floor, at_floor, colour};
+use super::noise_floor::{FloorComparison, at_floor};
 use super::nonparametric_search::{NonparametricResult, search_nonparametric};
 use super::record_features::record_features;
 use super::rectified_torque::{rectified_records, restore_signs};
@@ -37,7 +37,7 @@ const EQUIVALENT_GAIN_SHARE: f64 = 0.75;
 const EQUIVALENT_FIT_ROUNDS: usize = 3;
 /// Colour below which an error is as white as those of right models mostly are.
 const WHITE: f64 = 0.7;
-/// Share of the colour of named effects that a nonparametric function may leave to replace them.
+/// Colour below which a nonparametric function replaces named effects that leave no noise.
 const WHITER: f64 = 0.75;
 /// Fit rounds with the other instrument.
 const CHOICE_FIT_ROUNDS: usize = 4;
@@ -95,6 +95,11 @@ impl<'a> Search<'a> {
 }
 
 impl Search<'_> {
+    /// The error of a model on the selecting records against the noise floor.
+    fn against_floor(&self, fitted: &Fitted) -> FloorComparison {
+        FloorComparison::of(self.fit.model, &self.select.records, &fitted.setting)
+    }
+
     const fn views(&self) -> (&Dataset<'_>, &Dataset<'_>) {
         (&self.fit, &self.select)
     }
@@ -175,9 +180,8 @@ impl Search<'_> {
     fn substitute(&mut self) {
         let count = self.found.steps.len();
         for at in (0..count).filter(|_| count > 1) {
-            let (model, records) = (self.fit.model, &self.select.records);
-            let white = || colour(model, records, &self.now.setting).is_none_or(|own| own < WHITE);
-            if at_floor(model, records, &self.now.setting) && white() {
+            let floor = self.against_floor(&self.now);
+            if floor.at_floor_in_sum() && floor.colour.is_none_or(|colour| colour < WHITE) {
                 return;
             }
             let runners_up = if at + 1 == count { &self.latest } else { &self.runners_up };
@@ -322,15 +326,12 @@ impl Search<'_> {
             step.fitted = self.now.clone();
         }
         let deadline = self.fit.deadline;
-        let above = above_floor(self.fit.model, &self.select.records, &self.now.setting);
-        let colour_of =
-            |fitted: &Fitted| colour(self.fit.model, &self.select.records, &fitted.setting);
-        let colour = colour_of(&self.now).unwrap_or(0.0);
-        let coloured = colour > 1.0;
-        let at_floor = above.is_some_and(|above| above.at_floor()) && !coloured;
+        let floor = self.against_floor(&self.now);
+        let coloured = floor.is_coloured();
+        let at_floor = floor.at_floor_in_sum() && !coloured;
         if deadline.left_work_out() {
             // Names that leave the error far above the repeatability are no names.
-            if above.is_some_and(|above| above.inadequate()) {
+            if floor.in_sum.is_some_and(|above| above.inadequate()) {
                 self.found.give_up_all();
             }
             let what = match self.found.steps.is_empty() {
@@ -340,7 +341,7 @@ impl Search<'_> {
             self.found.conclude_early(deadline, what, at_floor);
             return self.found;
         }
-        let mut inadequate = self.found.is_refuted(above, colour);
+        let mut inadequate = floor.refutes(!self.found.steps.is_empty());
         let declared = &self.found.base;
         // Inadequate effects would distort a function beside them.
         let mut nonparametric =
@@ -357,8 +358,8 @@ impl Search<'_> {
                 let more = named.zip(unlisted_function).map(|(named, unlisted_function)| {
                     validate(by, &named, &unlisted_function).gain
                 });
-                let whiter = coloured
-                    && colour_of(&best.fitted).is_some_and(|own| own < WHITER * colour.min(1.0));
+                let function = self.against_floor(&best.fitted);
+                let whiter = coloured && function.colour.is_some_and(|colour| colour < WHITER);
                 if whiter || more.is_some_and(|more| more >= LEAST_GAIN) {
                     (inadequate, nonparametric) = (true, Some(anonymous));
                 }
@@ -376,7 +377,8 @@ impl Search<'_> {
             self.found.give_up_all();
         }
         self.found.conclude_early(deadline, Unfinished::Functions, at_floor);
-        self.found.hidden_by_friction = above.is_some_and(|above| above.hidden_by_friction());
+        let in_sum = floor.in_sum;
+        self.found.hidden_by_friction = in_sum.is_some_and(|above| above.hidden_by_friction());
         self.found
     }
 }

@@ -4,7 +4,7 @@ use plant::effects::Site;
 
 use super::dataset::{Dataset, Fitted};
 use super::location::Localisation;
-use super::noise_floor::{AboveFloor, REFUTED_COLOUR, above_floor, colour};
+use super::noise_floor::FloorComparison;
 use super::nonparametric_search::{NonparametricResult, UnlistedFunction, search_nonparametric};
 use super::transmission_model::TransmissionModel;
 use super::validation::Validation;
@@ -133,26 +133,18 @@ impl SearchResult {
     pub fn reassess(&mut self, model: &TransmissionModel, deadline: &Deadline) {
         let [fit, select] =
             [Role::Fit, Role::Select].map(|role| Dataset::of(model, role).until(deadline));
-        let above = above_floor(model, &select.records, &self.last().setting);
-        let colour = colour(model, &select.records, &self.last().setting).unwrap_or(0.0);
-        self.coloured = colour > 1.0;
-        if !self.coloured && above.is_none_or(|above| above.at_floor()) {
+        let floor = FloorComparison::of(model, &select.records, &self.last().setting);
+        self.coloured = floor.is_coloured();
+        if !self.coloured && floor.in_sum.is_none_or(|above| above.at_floor()) {
             return;
         }
-        self.inadequate = self.is_refuted(above, colour);
+        self.inadequate = floor.refutes(!self.steps.is_empty());
         let now = if self.inadequate { &self.base } else { self.last() };
         self.set_nonparametric(search_nonparametric((&fit, &select), now, self.inadequate));
         if self.inadequate {
             self.give_up_all();
         }
         self.conclude_early(deadline, Unfinished::Functions, false);
-    }
-
-    /// Whether the error lies so far above the noise floor, in sum or over the octaves
-    /// ([`colour`]), that no listed effect is adequate. Without one, any colour tells that.
-    pub(super) fn is_refuted(&self, above: Option<AboveFloor>, colour: f64) -> bool {
-        above.is_some_and(|above| above.inadequate())
-            || colour > if self.steps.is_empty() { 1.0 } else { REFUTED_COLOUR }
     }
 
     /// Notes what a deadline left unfinished, if it did; only the first is noted.

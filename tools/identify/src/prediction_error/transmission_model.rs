@@ -73,6 +73,9 @@ pub enum Channel {
 }
 
 impl Channel {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::Master, Self::Slave, Self::Torque];
+
     /// The column with which it is compared.
     pub const fn column(self) -> &'static str {
         match self {

@@ -172,14 +172,7 @@ impl Moving {
         (model, last): (&FittedModel<'_>, &FittedModel<'_>),
         block: &Block,
     ) -> Self {
-        let mut residual = predictor.residual(&model.fitted, block);
-        let mut rows = residual.len();
-        if let Some(at_rest) = predictor.at_rest(&last.structure, block) {
-            for (row, _) in at_rest.iter().enumerate().filter(|(_, at_rest)| **at_rest) {
-                residual[row] = 0.0;
-                rows -= 1;
-            }
-        }
+        let (residual, rows) = predictor.moving_residual(&last.structure, &model.fitted, block);
         let balance = &predictor.regression().balances[block.record];
         let period = 1.0 / balance.cut_off / balance.row_step();
         let lags = period.ceil() as usize..=(LAGS * period).ceil() as usize;

@@ -248,6 +248,17 @@ impl Search<'_> {
         errors
     }
 
+    /// Whether what was added to a model passes on the rows in which the machine moves, too: at
+    /// rest dry friction takes any value below its limit. Of an output that is simulated, this is
+    /// not asked.
+    pub(super) fn passes_while_moving(&self, model: &FittedModel<'_>, with: &Fitted) -> bool {
+        let Predictor::EquationError(_) = self.predictor else { return true };
+        let [before, after] = [&model.fitted, with].map(|fitted| {
+            self.predictor.moving_mean_squares(&model.structure, fitted, &self.select)
+        });
+        validate("", &before, &after).accepted
+    }
+
     /// The least decrease (%) that counts beside a model, by what it leaves on the selecting rows.
     pub(super) fn least_percent(&self, fitted: &Fitted) -> f64 {
         let (error, size) = self.predictor.error(fitted, &self.select);

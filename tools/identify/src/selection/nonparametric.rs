@@ -106,17 +106,6 @@ impl Search<'_> {
         tried
     }
 
-    /// Whether what was added to a model passes on the rows in which the machine moves, too: at
-    /// rest dry friction takes any value below its limit. Of an output that is simulated, this is
-    /// not asked.
-    pub(super) fn passes_while_moving(&self, model: &FittedModel<'_>, with: &Fitted) -> bool {
-        let Predictor::EquationError(_) = self.predictor else { return true };
-        let [before, after] = [&model.fitted, with].map(|fitted| {
-            self.predictor.moving_mean_squares(&model.structure, fitted, &self.select)
-        });
-        validate("", &before, &after).accepted
-    }
-
     fn nonparametric_in(
         &self,
         current: &FittedModel<'_>,

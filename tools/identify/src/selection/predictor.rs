@@ -54,9 +54,26 @@ impl Predictor<'_> {
         blocks.iter().map(|block| mean(self.residual(fitted, block))).collect()
     }
 
-    /// As [`Self::mean_squares`], over the rows in which the machine moves, if dry friction is in
-    /// the model: at rest it takes any value below its limit, and what explains a force there
-    /// explains nothing.
+    /// The residual over the rows of a block, 0 in those in which the machine stands still if dry
+    /// friction is in the structure, and the number of the others: at rest dry friction takes any
+    /// value below its limit, and what explains a force there explains nothing.
+    pub fn moving_residual(
+        &self,
+        structure: &Structure<'_>,
+        fitted: &Fitted,
+        block: &Block,
+    ) -> (Vec<f64>, usize) {
+        let mut residual = self.residual(fitted, block);
+        let mut rows = residual.len();
+        let at_rest = self.at_rest(structure, block).unwrap_or_default();
+        for (row, _) in at_rest.iter().enumerate().filter(|(_, at_rest)| **at_rest) {
+            residual[row] = 0.0;
+            rows -= 1;
+        }
+        (residual, rows)
+    }
+
+    /// As [`Self::mean_squares`], over the moving rows ([`Self::moving_residual`]).
     pub fn moving_mean_squares(
         &self,
         structure: &Structure<'_>,
@@ -64,13 +81,8 @@ impl Predictor<'_> {
         blocks: &[Block],
     ) -> Vec<f64> {
         let of = |block: &Block| {
-            let residual = self.residual(fitted, block);
-            let at_rest = self.at_rest(structure, block).unwrap_or_default();
-            let moves = |row: usize| !at_rest.get(row).copied().unwrap_or(false);
-            let moving = residual.iter().enumerate().filter(|(row, _)| moves(*row));
-            let (sum, rows) =
-                moving.fold((0.0, 0usize), |(sum, rows), (_, e)| (sum + e * e, rows + 1));
-            sum / rows.max(1) as f64
+            let (residual, rows) = self.moving_residual(structure, fitted, block);
+            residual.iter().map(|e| e * e).sum::<f64>() / rows.max(1) as f64
         };
         blocks.iter().map(of).collect()
     }
