@@ -135,9 +135,9 @@ fn add_hat(setting: Setting, node: usize, units: f64) -> Setting {
 }
 
 /// Fits functions of one variable beside the current model and validates them on the selecting
-/// records. With `inadequate`, listed effects are known to be inadequate: functions are limited to
-/// the localised site, and the localisation is returned. No function is returned if the deadline
-/// left any out.
+/// records. With `inadequate`, what the current model leaves is known to need more than a listed
+/// effect: functions are limited to the localised site, a smaller gain suffices, and the
+/// localisation is returned. No function is returned if the deadline left any out.
 pub fn search_nonparametric(
     (fit, select): (&Dataset<'_>, &Dataset<'_>),
     now: &Fitted,

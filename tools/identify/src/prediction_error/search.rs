@@ -372,7 +372,7 @@ impl Search<'_> {
         };
         self.found.set_nonparametric(nonparametric);
         self.found.inadequate = inadequate;
-        self.found.coloured = coloured;
+        self.found.set_coloured(&self.select, coloured);
         if inadequate {
             self.found.give_up_all();
         }

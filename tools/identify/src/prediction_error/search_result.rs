@@ -129,18 +129,31 @@ impl SearchResult {
             (tried, best, localisation);
     }
 
+    /// Notes whether what the final model leaves is no noise: that of a function that stands alone,
+    /// or else of the model that was compared with the floor, which was `coloured` or not.
+    pub(super) fn set_coloured(&mut self, select: &Dataset<'_>, coloured: bool) {
+        let of_function = |function: &UnlistedFunction| {
+            let setting = &function.fitted.setting;
+            FloorComparison::of(select.model, &select.records, setting).is_coloured()
+        };
+        self.coloured = self.stand_alone_function().map_or(coloured, of_function);
+    }
+
     /// Reassesses adequacy and nonparametric functions after an effect was withdrawn.
     pub fn reassess(&mut self, model: &TransmissionModel, deadline: &Deadline) {
         let [fit, select] =
             [Role::Fit, Role::Select].map(|role| Dataset::of(model, role).until(deadline));
         let floor = FloorComparison::of(model, &select.records, &self.last().setting);
-        self.coloured = floor.is_coloured();
-        if !self.coloured && floor.in_sum.is_none_or(|above| above.at_floor()) {
+        let coloured = floor.is_coloured();
+        self.coloured = coloured;
+        if !coloured && floor.in_sum.is_none_or(|above| above.at_floor()) {
             return;
         }
         self.inadequate = floor.refutes(!self.steps.is_empty());
         let now = if self.inadequate { &self.base } else { self.last() };
-        self.set_nonparametric(search_nonparametric((&fit, &select), now, self.inadequate));
+        let at_place = self.inadequate || coloured;
+        self.set_nonparametric(search_nonparametric((&fit, &select), now, at_place));
+        self.set_coloured(&select, coloured);
         if self.inadequate {
             self.give_up_all();
         }
