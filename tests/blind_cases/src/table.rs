@@ -224,9 +224,10 @@ fn several_shares(
     seen: &[&Score],
     answered: &[&Score],
 ) -> Vec<ShareRow> {
-    let further = Share::of(answered, |score| score.false_third == Some(true));
+    let further = Share::of(answered, Score::false_further);
     vec![
-        (all, bar, Share::of(seen, |score| score.both == Some(true))),
+        (all, "", Share::of(seen, |score| score.both == Some(true))),
+        ("... or rightly ambiguous", bar, Share::of(seen, Score::all_found_or_ambiguous)),
         ("a false further one (of those answered)", "<= 5 %", further),
         ("no answer", "0", Share::of(seen, |score| score.end != End::Done)),
     ]

@@ -237,6 +237,32 @@ fn two_effects_and_errors() {
     assert_eq!((one.both, one.false_third), (Some(false), Some(false)));
 }
 
+/// A dead time at a place that no record tells from the true one is rightly ambiguous in a pair as
+/// it is alone, if the true place is told.
+#[test]
+fn an_effect_of_a_pair_at_an_equivalent_site_is_rightly_ambiguous() {
+    let truth = truth(Set::Pairs, &["transport_delay@drive", "quadratic_drag@slave"]);
+    let effects =
+        |site: &str| json!([named("quadratic_drag", "slave"), named("transport_delay", site)]);
+    let judged = |verdict: &str, effects: Value, rivals: Value| {
+        let answer = json!({ "verdict": verdict, "effects": effects, "ambiguous_with": rivals });
+        let score = judged(&truth, answer);
+        let counts = (score.all_found_or_ambiguous(), score.false_further());
+        (score.both.unwrap(), counts)
+    };
+    let told = json!([named("transport_delay", "drive")]);
+    assert_eq!(judged("effect", effects("drive"), json!([])), (true, (true, false)));
+    assert_eq!(judged("ambiguous", effects("sensor"), told.clone()), (false, (true, false)));
+    assert_eq!(judged("effect", effects("sensor"), told.clone()), (false, (false, true)));
+    assert_eq!(judged("ambiguous", effects("sensor"), json!([])), (false, (false, true)));
+    // A rival beside another name is none of the effect that it is a rival of.
+    let other = json!([named("quadratic_drag", "slave"), named("backlash", "slave")]);
+    assert_eq!(judged("ambiguous", other, told.clone()), (false, (false, true)));
+    let mut three = effects("sensor");
+    three.as_array_mut().unwrap().push(named("backlash", "slave"));
+    assert_eq!(judged("ambiguous", three, told), (false, (true, true)));
+}
+
 fn count_in(table: &Table, what: &str) -> (usize, usize) {
     let row = table.rows.iter().find(|row| row.what == what).unwrap_or_else(|| panic!("{what}"));
     (row.share.unwrap().count, row.share.unwrap().of)
