@@ -35,6 +35,7 @@ pub mod random;
 pub mod record;
 pub mod reference;
 pub mod results;
+mod rightly_ambiguous;
 pub mod rules;
 pub mod score;
 pub mod simulator;

@@ -85,7 +85,7 @@ pub fn study(rig: &RigFile, records: &[Series], how: StudyOptions) -> Result<Ide
         )));
     }
     let deadline = how.limit_s.map_or(Deadline::when(|| false), |limit_s| {
-        Deadline::when(move || started.elapsed().as_secs_f64() >= limit_s)
+        Deadline::after(move || started.elapsed().as_secs_f64() / limit_s)
     });
     let options = Options {
         seed: how.seed,

@@ -54,7 +54,7 @@ pub(super) fn conclude(
     if capability.is_some() && study.deadline.left_work_out() {
         outcome.notes.push(PROPOSED_EARLY.to_owned());
     }
-    outcome.early = study.deadline.left_work_out();
+    outcome.early = study.deadline.left_work_out() || study.found.unfinished.is_some();
     let tested = tested(study)?;
     let tests =
         |(channel, own): &(Channel, TestedResidual)| (channel.column().to_owned(), own.tests());
@@ -403,6 +403,9 @@ fn notes(study: &Study<'_>) -> Vec<String> {
             Unfinished::Comparison => {
                 "the effects named were not compared with every alternative, and no further one \
                  was tried"
+            }
+            Unfinished::OtherFirstEffects => {
+                "not every leading candidate was tried as the first effect"
             }
             Unfinished::Functions => "not every function of one variable was tried",
         };

@@ -19,7 +19,7 @@ const SUBSTITUTES: usize = 3;
 /// Fit rounds of each.
 const SUBSTITUTION_ROUNDS: usize = 2;
 /// Least gain of the best of them.
-const LEAST_SUBSTITUTION: f64 = 0.1;
+pub const LEAST_SUBSTITUTION: f64 = 0.1;
 /// Fit rounds without the newest effect.
 const WITHOUT_NEWEST_ROUNDS: usize = 4;
 /// Block t beyond which two effects are distinguished.

@@ -57,6 +57,7 @@ pub mod location;
 pub mod noise_floor;
 pub mod nonparametric;
 pub mod nonparametric_search;
+mod other_first_effects;
 pub mod parametric_bootstrap;
 pub mod probe_torque;
 pub mod record;

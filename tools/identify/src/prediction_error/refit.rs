@@ -9,7 +9,6 @@ use super::fit::foremost;
 use super::free_parameter::FreeParameter;
 use super::known_columns::KnownColumns;
 use super::noise_floor::above_floor;
-use super::selection_round::FittedCandidate;
 use super::transmission_model::{PlacedEffect, SMOOTHING, SMOOTHING_STARTS, Setting};
 
 /// Most refits of a model with an effect while it stays above the noise floor.
@@ -79,18 +78,17 @@ pub fn fit_base((fit, select): (&Dataset<'_>, &Dataset<'_>)) -> Option<Fitted> {
     Some(fit_repeatedly((fit, select), now, &|fitted| estimable(fit, fitted), &starts))
 }
 
-/// Refits the whole model after an effect was added.
+/// Refits the whole model after an effect, fitted as the last of `added`, was added.
 pub fn refit(
     (fit, select): (&Dataset<'_>, &Dataset<'_>),
-    winner: &FittedCandidate,
+    added: &Fitted,
     of: &Candidate,
 ) -> Fitted {
     let model = fit.model;
-    let own: Vec<FreeParameter> = winner.fitted.of_effects().cloned().collect();
+    let own: Vec<FreeParameter> = added.of_effects().cloned().collect();
     let shown = |fitted: &Fitted| [estimable(fit, fitted), own.clone()].concat();
-    let parameters = shown(&winner.fitted);
-    let now =
-        fit.fit(&winner.fitted.setting, &parameters, 6).unwrap_or_else(|| winner.fitted.clone());
+    let parameters = shown(added);
+    let now = fit.fit(&added.setting, &parameters, 6).unwrap_or_else(|| added.clone());
     let starts = |pass: usize, now: &Setting, parameters: &[FreeParameter]| {
         // The declared values may lead out of a local minimum.
         let fresh = Setting { base: model.start().base, ..now.clone() };

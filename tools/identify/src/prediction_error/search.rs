@@ -29,6 +29,10 @@ const REPLACEMENT_GAIN: f64 = 0.03;
 const MOST_EFFECTS: usize = 3;
 /// Most rounds, including those whose effect was removed again.
 const MOST_ROUNDS: usize = 5;
+/// Least share of the first round's best gain from which another candidate that passed is tried
+/// as the first effect. The right ones of the two pairs from which the limit is taken had 0.61 and
+/// 0.82 of it.
+const OTHER_FIRST_GAIN_SHARE: f64 = 0.5;
 /// Least share of a round's best gain from which another candidate is tried in its place.
 const RIVAL_GAIN_SHARE: f64 = 0.25;
 /// Share of a model's gain that the same model with an equivalent effect must reach.
@@ -56,41 +60,44 @@ pub fn search(model: &mut TransmissionModel, deadline: &Deadline) -> Option<Sear
         }
     }
     let mut search = Search::begin(model, deadline)?;
-    // If a later model diverges, the result so far stands.
-    while search.found.steps.len() < MOST_EFFECTS
-        && search.found.rounds.len() < MOST_ROUNDS
-        && search.add()
-    {
-        search.drop_redundant();
-        search.substitute();
-        if search.compare_with_runners_up().is_none() {
-            break;
-        }
-    }
+    search.extend(|_| true);
+    search.select_from_other_first_effects();
     Some(search.conclude())
 }
 
 /// State of the selection.
-struct Search<'a> {
-    fit: Dataset<'a>,
-    select: Dataset<'a>,
+pub(super) struct Search<'a> {
+    pub(super) fit: Dataset<'a>,
+    pub(super) select: Dataset<'a>,
     /// The current model.
-    now: Fitted,
+    pub(super) now: Fitted,
     /// Runners-up of the first round.
-    runners_up: Vec<Fitted>,
+    pub(super) runners_up: Vec<Fitted>,
+    /// Those of them that may be the first effect instead.
+    pub(super) other_first_effects: Vec<Fitted>,
     /// Runners-up of the latest round.
-    latest: Vec<Fitted>,
-    found: SearchResult,
+    pub(super) latest: Vec<Fitted>,
+    pub(super) found: SearchResult,
 }
 
 impl<'a> Search<'a> {
+    /// A selection that has come to a model, without runners-up.
+    pub(super) fn of(
+        (fit, select): (Dataset<'a>, Dataset<'a>),
+        now: Fitted,
+        found: SearchResult,
+    ) -> Self {
+        let [runners_up, other_first_effects, latest] = Default::default();
+        Self { fit, select, now, runners_up, other_first_effects, latest, found }
+    }
+
     fn begin(model: &'a TransmissionModel, deadline: &'a Deadline) -> Option<Self> {
         let [fit, select] =
             [Role::Fit, Role::Select].map(|role| Dataset::of(model, role).until(deadline));
         let base = fit_base((&fit, &select))?;
         let now = base.clone();
         let found = SearchResult { base, ..SearchResult::default() };
-        Some(Self { fit, select, now, runners_up: Vec::new(), latest: Vec::new(), found })
+        Some(Self::of((fit, select), now, found))
     }
 }
 
@@ -102,6 +109,29 @@ impl Search<'_> {
 
     const fn views(&self) -> (&Dataset<'_>, &Dataset<'_>) {
         (&self.fit, &self.select)
+    }
+
+    /// Whether the error of the current model is noise, as far as that is known.
+    pub(super) fn is_explained(&self) -> bool {
+        let floor = self.against_floor(&self.now);
+        floor.in_sum.is_none_or(|above| above.at_floor())
+            && floor.colour.is_none_or(|colour| colour < WHITE)
+    }
+
+    /// Adds effects while there are any that pass and the model is `worthwhile` extending.
+    pub(super) fn extend(&mut self, worthwhile: impl Fn(&Self) -> bool) {
+        // If a later model diverges, the result so far stands.
+        while self.found.steps.len() < MOST_EFFECTS
+            && self.found.rounds.len() < MOST_ROUNDS
+            && worthwhile(self)
+            && self.add()
+        {
+            self.drop_redundant();
+            self.substitute();
+            if self.compare_with_runners_up().is_none() {
+                break;
+            }
+        }
     }
 
     /// Adds the best candidate that passes and refits; returns whether there was one. No candidate
@@ -153,8 +183,14 @@ impl Search<'_> {
         self.latest = tried.iter().filter(is_rival).map(|other| other.fitted.clone()).collect();
         if self.found.rounds.len() == 1 {
             self.runners_up.clone_from(&self.latest);
+            let least = OTHER_FIRST_GAIN_SHARE * winner.validation.gain;
+            let may_be_first = |other: &&FittedCandidate| {
+                is_rival(other) && other.validation.accepted && other.validation.gain >= least
+            };
+            let others = tried.iter().filter(may_be_first).map(|other| other.fitted.clone());
+            self.other_first_effects = others.collect();
         }
-        let with = refit((fit, select), winner, &listed[winner.candidate]);
+        let with = refit((fit, select), &winner.fitted, &listed[winner.candidate]);
         self.now = match without_newest((fit, select), now, &with) {
             Some(without) => {
                 let step = self.found.steps.pop();
@@ -287,7 +323,7 @@ impl Search<'_> {
     }
 
     /// Validates a single-effect model against the declared one.
-    fn beside_declared(&self) -> Option<Validation> {
+    pub(super) fn beside_declared(&self) -> Option<Validation> {
         let only = self.now.setting.placed.first()?;
         let [before, after] =
             [&self.found.base, &self.now].map(|fitted| self.select.residuals(&fitted.setting));

@@ -32,6 +32,8 @@ pub enum Unfinished {
     Candidates,
     /// The effects added were not compared with every alternative, and no further one was tried.
     Comparison,
+    /// Not every leading candidate was tried as the first effect.
+    OtherFirstEffects,
     /// Not every nonparametric function was tried.
     Functions,
 }
