@@ -11,6 +11,10 @@
 //! [`run`] only.
 #![cfg_attr(test, allow(clippy::unwrap_used, clippy::expect_used))]
 
+// Records of the integration tests are made with the public interface.
+#[cfg(test)]
+extern crate self as identify;
+
 mod args;
 pub mod correlation;
 pub mod deadline;
@@ -33,6 +37,9 @@ pub mod spectral;
 pub mod study;
 #[cfg(test)]
 mod test_noise;
+#[cfg(test)]
+#[path = "../tests/two_sides/mod.rs"]
+mod two_sides;
 pub mod write_rig;
 
 pub use args::Args;

@@ -34,12 +34,12 @@ impl Search<'_> {
         let mut others = std::mem::take(&mut self.other_first_effects);
         others.retain(|other| newest(other).is_some_and(|own| !placed.contains(&own)));
         others.truncate(TRIED);
-        if self.found.steps.is_empty() || others.is_empty() || self.is_explained() {
+        if self.found.steps.is_empty() || others.is_empty() || self.is_white() {
             return;
         }
         let until = self.fit.deadline.part(UNTIL_SHARE);
         for first in &others {
-            if self.fit.deadline.has_passed() || self.is_explained() {
+            if self.fit.deadline.has_passed() || self.is_white() {
                 return;
             }
             let other = self.select_from(first, &until);
@@ -48,7 +48,7 @@ impl Search<'_> {
                 return;
             }
             let better = |other: &Search<'_>| {
-                other.is_explained() && self.gain_over_least(other).is_some_and(|gain| gain >= 0.0)
+                other.leaves_noise() && self.gain_over_least(other).is_some_and(|gain| gain >= 0.0)
             };
             if let Some(Search { now, runners_up, latest, found, .. }) = other.filter(better) {
                 self.found.give_up_all();
@@ -94,5 +94,85 @@ impl Search<'_> {
         let by = newest(&other.now)?;
         let least = LEAST_SUBSTITUTION + LEAST_GAIN * (count(other) - count(self));
         Some(validate(by, &here, &there).gain - least)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use plant::effects::parse;
+
+    use super::*;
+    use crate::deadline::NEVER;
+    use crate::prediction_error::candidates::free_parameters_of;
+    use crate::prediction_error::record::share_out;
+    use crate::prediction_error::transmission_model::TransmissionModel;
+    use crate::two_sides;
+
+    /// A rig with backlash at the slave.
+    fn with_backlash() -> TransmissionModel {
+        let effects = || vec![parse("backlash@slave=0.06").unwrap()];
+        let record = |turn| two_sides::record(turn, effects(), turn == 4, 0.0, &|_| 0.0);
+        let mut records = (0..5).map(record).collect::<Vec<_>>();
+        share_out(&mut records, false);
+        let count_rad = Some(two_sides::COUNT_RAD);
+        TransmissionModel::new("rig.toml", &two_sides::rig().model, records, count_rad).unwrap()
+    }
+
+    /// The declared model with one effect, fitted.
+    fn with_one(search: &Search<'_>, id: &str, site: Site) -> Fitted {
+        let base = &search.found.base;
+        let all = candidates(&record_features(&search.fit, base));
+        let of = all.iter().find(|of| (of.id, of.site) == (id, site)).unwrap();
+        let free = [base.parameters.clone(), free_parameters_of(of, 0)].concat();
+        let starts = of
+            .starts
+            .iter()
+            .filter_map(|start| search.fit.fit(&base.setting.with(start), &free, 3));
+        starts.min_by(|a, b| a.objective.total_cmp(&b.objective)).unwrap()
+    }
+
+    /// A selection that has taken a wrong effect, with another one as the runner-up.
+    fn misled<'a>(search: &Search<'a>, first: &Fitted, other: &Fitted) -> Search<'a> {
+        let found = SearchResult { base: search.found.base.clone(), ..SearchResult::default() };
+        let views = (search.fit.clone(), search.select.clone());
+        let mut misled = Search::of(views, first.clone(), found);
+        let (added, fitted) = (misled.beside_declared().unwrap(), first.clone());
+        misled.found.rounds.push(vec![added.clone()]);
+        misled.found.steps.push(SelectionStep { added, rivals: Vec::new(), fitted });
+        misled.other_first_effects.push(other.clone());
+        misled
+    }
+
+    fn names(search: &Search<'_>) -> Vec<(&'static str, Site)> {
+        search.found.steps.iter().map(|step| step.added.effect()).collect()
+    }
+
+    #[test]
+    fn a_first_effect_that_leaves_more_than_noise_is_replaced_by_one_that_does_not() {
+        let model = with_backlash();
+        let search = Search::begin(&model, &NEVER).unwrap();
+        let right = with_one(&search, "backlash", Site::Slave);
+        let wrong = with_one(&search, "extra_inertia", Site::Slave);
+
+        let mut replaced = misled(&search, &wrong, &right);
+        assert!(!replaced.leaves_noise());
+        replaced.select_from_other_first_effects();
+        assert_eq!(names(&replaced), [("backlash", Site::Slave)]);
+        assert!(replaced.leaves_noise() && replaced.found.unfinished.is_none());
+        assert_eq!(replaced.found.given_up, [("extra_inertia", Site::Slave)]);
+
+        // The other way round the right effect comes back.
+        let mut kept = misled(&search, &right, &wrong);
+        kept.select_from_other_first_effects();
+        assert_eq!(names(&kept), [("backlash", Site::Slave)]);
+
+        // After half of the time no other one is tried, and the result tells that.
+        let late = Deadline::after(|| 0.6);
+        let mut cut = misled(&search, &wrong, &right);
+        cut.fit.deadline = &late;
+        cut.select_from_other_first_effects();
+        assert_eq!(names(&cut), [("extra_inertia", Site::Slave)]);
+        assert_eq!(cut.found.unfinished, Some(Unfinished::OtherFirstEffects));
+        assert!(!late.left_work_out());
     }
 }

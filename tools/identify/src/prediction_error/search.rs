@@ -91,7 +91,7 @@ impl<'a> Search<'a> {
         Self { fit, select, now, runners_up, other_first_effects, latest, found }
     }
 
-    fn begin(model: &'a TransmissionModel, deadline: &'a Deadline) -> Option<Self> {
+    pub(super) fn begin(model: &'a TransmissionModel, deadline: &'a Deadline) -> Option<Self> {
         let [fit, select] =
             [Role::Fit, Role::Select].map(|role| Dataset::of(model, role).until(deadline));
         let base = fit_base((&fit, &select))?;
@@ -111,8 +111,14 @@ impl Search<'_> {
         (&self.fit, &self.select)
     }
 
-    /// Whether the error of the current model is noise, as far as that is known.
-    pub(super) fn is_explained(&self) -> bool {
+    /// Whether the current model leaves noise, as far as that is known.
+    pub(super) fn leaves_noise(&self) -> bool {
+        let floor = self.against_floor(&self.now);
+        floor.in_sum.is_none_or(|above| above.at_floor()) && !floor.is_coloured()
+    }
+
+    /// Whether what it leaves is as white as right models mostly leave it.
+    pub(super) fn is_white(&self) -> bool {
         let floor = self.against_floor(&self.now);
         floor.in_sum.is_none_or(|above| above.at_floor())
             && floor.colour.is_none_or(|colour| colour < WHITE)
