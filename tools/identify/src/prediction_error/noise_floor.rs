@@ -37,6 +37,8 @@ const MOST_COLOUR_SLAVE: f64 = 2.0;
 const UNREPEATED: f64 = 2.0;
 /// Multiple of those limits beyond which a model is refuted whatever it gained.
 const REFUTED_COLOUR: f64 = 2.0;
+/// Colour below which an error is as white as those of right models mostly are.
+const WHITE: f64 = 0.7;
 /// Differences below this share of the movement's rms are ignored.
 const LEAST_SHARE: f64 = 5e-4;
 
@@ -256,9 +258,24 @@ impl FloorComparison {
         self.in_sum.is_some_and(|above| above.at_floor())
     }
 
+    /// The same, as far as it is known: true where nothing is repeated.
+    pub fn may_be_at_floor_in_sum(&self) -> bool {
+        self.in_sum.is_none_or(|above| above.at_floor())
+    }
+
     /// Whether what is left is no noise.
     pub fn is_coloured(&self) -> bool {
         self.colour.is_some_and(|colour| colour > 1.0)
+    }
+
+    /// Whether what is left is as white as right models mostly leave it, as far as that is known.
+    pub fn is_white(&self) -> bool {
+        self.colour.is_none_or(|colour| colour < WHITE)
+    }
+
+    /// Whether only noise is left, as far as that is known.
+    pub fn leaves_noise(&self) -> bool {
+        self.may_be_at_floor_in_sum() && !self.is_coloured()
     }
 
     /// Whether no listed effect is adequate, in the sum or over the octaves; without an effect

@@ -25,6 +25,12 @@ fn newest(fitted: &Fitted) -> Option<(&'static str, Site)> {
 }
 
 impl Search<'_> {
+    /// Whether the current model leaves no reason to try others.
+    fn is_explained(&self) -> bool {
+        let floor = self.against_floor(&self.now);
+        floor.may_be_at_floor_in_sum() && floor.is_white()
+    }
+
     /// Selects again with each of the foremost runners-up of the first round as the first effect,
     /// where the effects selected leave more than noise. Another selection replaces them only if
     /// what it leaves is noise.
@@ -34,12 +40,12 @@ impl Search<'_> {
         let mut others = std::mem::take(&mut self.other_first_effects);
         others.retain(|other| newest(other).is_some_and(|own| !placed.contains(&own)));
         others.truncate(TRIED);
-        if self.found.steps.is_empty() || others.is_empty() || self.is_white() {
+        if self.found.steps.is_empty() || others.is_empty() || self.is_explained() {
             return;
         }
         let until = self.fit.deadline.part(UNTIL_SHARE);
         for first in &others {
-            if self.fit.deadline.has_passed() || self.is_white() {
+            if self.fit.deadline.has_passed() {
                 return;
             }
             let other = self.select_from(first, &until);
@@ -48,7 +54,8 @@ impl Search<'_> {
                 return;
             }
             let better = |other: &Search<'_>| {
-                other.leaves_noise() && self.gain_over_least(other).is_some_and(|gain| gain >= 0.0)
+                other.against_floor(&other.now).leaves_noise()
+                    && self.gain_over_least(other).is_some_and(|gain| gain >= 0.0)
             };
             if let Some(Search { now, runners_up, latest, found, .. }) = other.filter(better) {
                 self.found.give_up_all();
@@ -56,6 +63,9 @@ impl Search<'_> {
                 (self.now, self.runners_up, self.latest, self.found) =
                     (now, runners_up, latest, found);
                 self.found.given_up.splice(0..0, given_up);
+                if self.is_explained() {
+                    return;
+                }
             }
         }
     }
@@ -155,10 +165,11 @@ mod tests {
         let wrong = with_one(&search, "extra_inertia", Site::Slave);
 
         let mut replaced = misled(&search, &wrong, &right);
-        assert!(!replaced.leaves_noise());
+        assert!(!replaced.against_floor(&replaced.now).leaves_noise());
         replaced.select_from_other_first_effects();
         assert_eq!(names(&replaced), [("backlash", Site::Slave)]);
-        assert!(replaced.leaves_noise() && replaced.found.unfinished.is_none());
+        assert!(replaced.against_floor(&replaced.now).leaves_noise());
+        assert!(replaced.found.unfinished.is_none());
         assert_eq!(replaced.found.given_up, [("extra_inertia", Site::Slave)]);
 
         // The other way round the right effect comes back.

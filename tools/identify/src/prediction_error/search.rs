@@ -39,8 +39,6 @@ const RIVAL_GAIN_SHARE: f64 = 0.25;
 const EQUIVALENT_GAIN_SHARE: f64 = 0.75;
 /// Fit rounds with an equivalent effect.
 const EQUIVALENT_FIT_ROUNDS: usize = 3;
-/// Colour below which an error is as white as those of right models mostly are.
-const WHITE: f64 = 0.7;
 /// Colour below which a nonparametric function replaces named effects that leave no noise.
 const WHITER: f64 = 0.75;
 /// Fit rounds with the other instrument.
@@ -103,25 +101,12 @@ impl<'a> Search<'a> {
 
 impl Search<'_> {
     /// The error of a model on the selecting records against the noise floor.
-    fn against_floor(&self, fitted: &Fitted) -> FloorComparison {
+    pub(super) fn against_floor(&self, fitted: &Fitted) -> FloorComparison {
         FloorComparison::of(self.fit.model, &self.select.records, &fitted.setting)
     }
 
     const fn views(&self) -> (&Dataset<'_>, &Dataset<'_>) {
         (&self.fit, &self.select)
-    }
-
-    /// Whether the current model leaves noise, as far as that is known.
-    pub(super) fn leaves_noise(&self) -> bool {
-        let floor = self.against_floor(&self.now);
-        floor.in_sum.is_none_or(|above| above.at_floor()) && !floor.is_coloured()
-    }
-
-    /// Whether what it leaves is as white as right models mostly leave it.
-    pub(super) fn is_white(&self) -> bool {
-        let floor = self.against_floor(&self.now);
-        floor.in_sum.is_none_or(|above| above.at_floor())
-            && floor.colour.is_none_or(|colour| colour < WHITE)
     }
 
     /// Adds effects while there are any that pass and the model is `worthwhile` extending.
@@ -223,7 +208,7 @@ impl Search<'_> {
         let count = self.found.steps.len();
         for at in (0..count).filter(|_| count > 1) {
             let floor = self.against_floor(&self.now);
-            if floor.at_floor_in_sum() && floor.colour.is_none_or(|colour| colour < WHITE) {
+            if floor.at_floor_in_sum() && floor.is_white() {
                 return;
             }
             let runners_up = if at + 1 == count { &self.latest } else { &self.runners_up };

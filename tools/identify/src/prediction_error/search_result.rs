@@ -147,8 +147,8 @@ impl SearchResult {
             [Role::Fit, Role::Select].map(|role| Dataset::of(model, role).until(deadline));
         let floor = FloorComparison::of(model, &select.records, &self.last().setting);
         let coloured = floor.is_coloured();
-        self.coloured = coloured;
-        if !coloured && floor.in_sum.is_none_or(|above| above.at_floor()) {
+        if floor.leaves_noise() {
+            self.coloured = false;
             return;
         }
         self.inadequate = floor.refutes(!self.steps.is_empty());
