@@ -29,118 +29,17 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
-use nalgebra::Matrix3;
-
 use crate::friction::{Advance, Load, advance};
+pub use crate::handle_inertia::{AXES, CouplingError, HandleCoupling, LEAST_EIGENVALUE};
 use crate::transmission::{EnergyBalance, Input, Motion, Reading, Transmission, sub_steps};
 use crate::transmission_kinds;
 
-/// Maximum number of axes.
-pub const AXES: usize = 3;
-/// Least allowed eigenvalue of the handle's inertia matrix, each row and column divided by the root
-/// of its own axis's inertia: 1 without coupling, 0 for a handle without inertia in some direction.
-/// With two axes: `|C| ≤ 0.8 √(I₁ I₂)`.
-pub const LEAST_EIGENVALUE: f64 = 0.2;
 /// Maximum number of iterations; about 60 are needed at the strongest coupling allowed.
 const ITERATIONS: usize = 200;
 /// Converged when no slave changes its velocity by more than this part of the fastest one's ...
 const PRECISION: f64 = 1e-13;
 /// ... or of this (rad/s), so that rounding errors near rest do not prevent convergence.
 const SLOW_RAD_S: f64 = 0.01;
-
-/// Why transmissions cannot share a handle.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum CouplingError {
-    /// No axis, or more than [`AXES`].
-    #[error("expected 1 to {AXES} axes, found {found}; leave some out")]
-    Axes {
-        /// Number of axes.
-        found: usize,
-    },
-    /// Not one number per pair of axes.
-    #[error(
-        "expected {expected} numbers for the pairs of {axes} axes (first and second, first and \
-         third, second and third), found {found}"
-    )]
-    Pairs {
-        /// Number of axes.
-        axes: usize,
-        /// Number of pairs.
-        expected: usize,
-        /// Numbers given.
-        found: usize,
-    },
-    /// The handle would have hardly any inertia, or a negative one, in some direction.
-    #[error(
-        "expected a handle with at least {LEAST_EIGENVALUE} of the axes' own inertia in every \
-         direction (for two axes: a coupling of at most 0.8 times the root of the product of their \
-         slaves' inertia), found {found:.3}; make the coupling smaller, or the handle's own \
-         inertia larger"
-    )]
-    TooStrong {
-        /// Least eigenvalue of the scaled inertia matrix.
-        found: f64,
-    },
-}
-
-/// The off-diagonal elements of the handle's inertia matrix (kg·m²).
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct HandleCoupling(Matrix3<f64>);
-
-impl HandleCoupling {
-    /// No coupling: the axes move as if alone.
-    pub fn none() -> Self {
-        Self::default()
-    }
-
-    /// From one number per pair, in kg·m²: first and second axis, first and third, second and
-    /// third. An empty slice is no coupling.
-    ///
-    /// # Errors
-    /// [`CouplingError::Axes`], [`CouplingError::Pairs`].
-    pub fn of_pairs(axes: usize, pairs: &[f64]) -> Result<Self, CouplingError> {
-        if !(1..=AXES).contains(&axes) {
-            return Err(CouplingError::Axes { found: axes });
-        }
-        let expected = axes * (axes - 1) / 2;
-        if !pairs.is_empty() && pairs.len() != expected {
-            return Err(CouplingError::Pairs { axes, expected, found: pairs.len() });
-        }
-        let mut matrix = Matrix3::zeros();
-        for (&coupling, (row, column)) in pairs.iter().zip([(0, 1), (0, 2), (1, 2)]) {
-            matrix[(row, column)] = coupling;
-            matrix[(column, row)] = coupling;
-        }
-        Ok(Self(matrix))
-    }
-
-    /// Least eigenvalue of the handle's inertia matrix in units of the axes' own inertia (kg·m²);
-    /// NaN where a number is not finite.
-    pub fn least_eigenvalue(&self, inertia_kg_m2: &[f64]) -> f64 {
-        let axes = inertia_kg_m2.len().min(AXES);
-        if inertia_kg_m2.iter().chain(self.0.iter()).any(|value| !value.is_finite()) {
-            return f64::NAN;
-        }
-        // Missing axes are uncoupled: their eigenvalue is 1.
-        let scaled = Matrix3::from_fn(|row, column| match row == column {
-            true => 1.0,
-            false if row < axes && column < axes => {
-                self.0[(row, column)] / (inertia_kg_m2[row] * inertia_kg_m2[column]).sqrt()
-            }
-            false => 0.0,
-        });
-        scaled.symmetric_eigenvalues().min()
-    }
-
-    /// The least eigenvalue, where the handle is heavy enough in every direction.
-    ///
-    /// # Errors
-    /// [`CouplingError::TooStrong`].
-    pub fn check(&self, inertia_kg_m2: &[f64]) -> Result<f64, CouplingError> {
-        let found = self.least_eigenvalue(inertia_kg_m2);
-        if found >= LEAST_EIGENVALUE { Ok(found) } else { Err(CouplingError::TooStrong { found }) }
-    }
-}
 
 /// One to three transmissions at one handle, in motion.
 #[derive(Clone, Debug)]
@@ -155,7 +54,7 @@ pub struct Plant {
 }
 
 impl Plant {
-    /// Joins transmissions at one handle.
+    /// Joins transmissions at one handle; their effects may add to its products of inertia.
     ///
     /// # Errors
     /// [`CouplingError`].
@@ -166,9 +65,15 @@ impl Plant {
         if !(1..=AXES).contains(&axes.len()) {
             return Err(CouplingError::Axes { found: axes.len() });
         }
-        let mut inertia = [0.0; AXES];
-        for (inertia, axis) in inertia.iter_mut().zip(&axes) {
+        let (mut inertia, mut coupling) = ([0.0; AXES], *coupling);
+        for (at, (inertia, axis)) in inertia.iter_mut().zip(&axes).enumerate() {
             *inertia = axis.slave_inertia_kg_m2();
+            let others = axis.handle_coupling_kg_m2();
+            if axes.len() == 1 && others != [0.0; AXES] {
+                return Err(CouplingError::Alone);
+            }
+            let others = others.into_iter().enumerate().take(axes.len());
+            others.for_each(|(other, product)| coupling.add((at, other), product));
         }
         let least = coupling.check(&inertia[..axes.len()])?;
         let longest = axes
@@ -179,9 +84,9 @@ impl Plant {
             // A handle with less inertia in some direction oscillates faster there, at most by the
             // inverse root of the least eigenvalue.
             longest_step_s: longest * least.min(1.0).sqrt(),
-            coupled: axes.len() > 1 && coupling.0.iter().any(|&value| value != 0.0),
+            coupled: axes.len() > 1 && !coupling.is_none(),
             axes,
-            coupling: *coupling,
+            coupling,
             increments: [0.0; AXES],
             coupled_at_start_j: 0.0,
         };
@@ -266,7 +171,7 @@ impl Plant {
                 let mut load = loads[axis];
                 for other in (0..count).filter(|&other| other != axis) {
                     let acceleration = (slaves[other].velocity - speeds[other]) / step;
-                    load.force -= self.coupling.0[(axis, other)] * acceleration;
+                    load.force -= self.coupling.between(axis, other) * acceleration;
                 }
                 let moved = advance(speeds[axis], step, &load);
                 change = change.max((moved.velocity - slaves[axis].velocity).abs());
@@ -287,7 +192,7 @@ impl Plant {
         let pairs = [(0, 1), (0, 2), (1, 2)];
         pairs
             .iter()
-            .map(|&(row, column)| self.coupling.0[(row, column)] * speed(row) * speed(column))
+            .map(|&(row, column)| self.coupling.between(row, column) * speed(row) * speed(column))
             .sum()
     }
 

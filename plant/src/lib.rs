@@ -41,6 +41,7 @@ mod effects_as_parameters;
 pub mod fluid;
 pub mod fourier;
 pub mod friction;
+pub mod handle_inertia;
 pub mod hydrostatic;
 mod parameter;
 pub mod reflected_dynamics;

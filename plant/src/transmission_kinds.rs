@@ -17,6 +17,7 @@ use std::ops::{Deref, DerefMut};
 
 use crate::effects::Effect;
 use crate::friction::Advance;
+use crate::handle_inertia::AXES;
 use crate::transmission::{
     Correction, EnergyBalance, ImposedMotion, Input, Motion, PendingStep, Reading, State,
     Transmission, TransmissionParameters,
@@ -191,6 +192,10 @@ impl Plant {
 
     pub(crate) fn slave_inertia_kg_m2(&self) -> f64 {
         each!(self, plant => plant.slave_inertia_kg_m2())
+    }
+
+    pub(crate) fn handle_coupling_kg_m2(&self) -> [f64; AXES] {
+        each!(self, plant => plant.handle_coupling_kg_m2())
     }
 
     pub(crate) fn begin(&mut self, input: Input, step_s: f64) -> PendingStep {

@@ -100,6 +100,38 @@ fn a_coupling_that_vanishes_changes_nothing() {
     }
 }
 
+/// A coupling that is an effect of one axis, or of both, moves the handle as the declared one does.
+#[test]
+fn a_coupling_by_an_effect_is_that_of_the_handle() {
+    let beside = |names: &[&str]| {
+        transmission_kinds::Parameters::from(calibrated()).plant(effects(names)).unwrap()
+    };
+    let (plain, with_second) = (|| oil(&calibrated()), "handle_coupling=0");
+    let mut of_second = effects(&[with_second]);
+    of_second[0].set("with_axis_1", 2e-4).unwrap();
+    let first = transmission_kinds::Parameters::from(calibrated()).plant(of_second).unwrap();
+    let mut declared = coupled(vec![plain(), plain()], &[5e-4]);
+    let mut by_both = coupled(vec![first, beside(&["handle_coupling=3e-4"])], &[]);
+    // Of the product with itself an axis takes no notice.
+    let every = || beside(&["handle_coupling=1e-4"]);
+    let mut in_part = coupled(vec![every(), every()], &[4e-4]);
+    for index in 0..2000 {
+        let phase = f64::from(index) * 0.01;
+        let inputs = volts([6.0 * phase.sin(), 3.0 * (2.0 * phase).sin()]);
+        for plant in [&mut declared, &mut by_both, &mut in_part] {
+            plant.step(&inputs, DT_S);
+        }
+    }
+    for axis in 0..2 {
+        let expected = declared.motion(axis).slave_position_rad;
+        for plant in [&by_both, &in_part] {
+            assert!((plant.motion(axis).slave_position_rad - expected).abs() < 1e-9, "{axis}");
+        }
+    }
+    let alone = Plant::new(vec![every()], &HandleCoupling::none()).unwrap_err();
+    assert_eq!(alone, CouplingError::Alone);
+}
+
 #[test]
 fn mirrored_inputs_give_the_mirrored_movement_and_axes_may_be_swapped() {
     let run = |sign: f64, swapped: bool| {

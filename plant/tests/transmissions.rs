@@ -5,7 +5,7 @@ mod common;
 
 use common::{DT_S, effects, observed_errors, trajectory};
 use plant::ParameterError;
-use plant::effects::{LIST, of_plants};
+use plant::effects::{LIST, of_one_axis, of_plants};
 use plant::transmission::{Correction, Input, Reading, Transmission};
 use plant::transmission_kinds::{Kind, Plant};
 
@@ -39,7 +39,7 @@ fn assert_balance_closes(plant: &Plant, what: &str) {
 fn every_effect_changes_the_output_at_each_of_its_sites() {
     for &kind in Kind::ALL {
         let (_, without) = moved(traced(kind, &[]));
-        for entry in of_plants() {
+        for entry in of_one_axis() {
             for place in entry.sites {
                 let name = format!("{}@{}", entry.id, place.site);
                 let what = format!("{name} in a {} transmission", kind.name());

@@ -3,6 +3,7 @@
 use crate::axis_control::AxisControl;
 use crate::axis_unit::AxisUnit;
 use crate::checked_toml::{Keys, Section};
+use crate::effect::ModelEffect;
 use crate::encoder::Encoder;
 use crate::limits::Limits;
 use crate::parameter::Parameter;
@@ -28,6 +29,9 @@ pub struct Axis {
     pub control: AxisControl,
     /// Parameters of this axis's transmission that differ from [`crate::Model::parameters`].
     pub model: Vec<Parameter>,
+    /// Effects that measured records showed beyond the equations of this axis's transmission,
+    /// beside those of every axis ([`crate::Model::effects`]).
+    pub effects: Vec<ModelEffect>,
 }
 
 const KEYS: Keys = &[
@@ -39,6 +43,7 @@ const KEYS: Keys = &[
     ("limits", "Limits that the watchdog enforces; required."),
     ("control", "Gains of the control law."),
     ("model", "Parameters of this axis that differ from [model.parameters]."),
+    ("effects", "Effects of this axis alone, beside [[model.effects]] of every axis."),
 ];
 
 impl Axis {
@@ -70,6 +75,7 @@ impl Axis {
             rates,
         );
         let model = Parameter::read_all(&section.section("model"));
-        Self { name, unit, master, slave, torque, limits, control, model }
+        let effects = ModelEffect::read_all(&section, "[[axes.effects]]");
+        Self { name, unit, master, slave, torque, limits, control, model, effects }
     }
 }

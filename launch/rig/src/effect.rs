@@ -1,7 +1,8 @@
-//! Declared effects beyond the equations of the model: `[[model.effects]]`.
+//! Declared effects beyond the equations of the model: `[[model.effects]]` of every axis,
+//! `[[axes.effects]]` of one.
 
 use plant::ParameterError;
-use plant::effects::{Effect, EffectError, Site, make, of_plants};
+use plant::effects::{Effect, EffectError, Site, make, of_one_axis};
 
 use crate::checked_toml::{Keys, Section, bounds};
 
@@ -48,7 +49,7 @@ impl ModelEffect {
     /// [`ModelEffectError`] where there is no such effect, or where a parameter is unknown or out
     /// of range.
     pub fn make(&self) -> Result<Box<dyn Effect>, ModelEffectError> {
-        let place = of_plants().find(|entry| entry.id == self.id).and_then(|entry| {
+        let place = of_one_axis().find(|entry| entry.id == self.id).and_then(|entry| {
             let place = entry.sites.iter().find(|place| place.site == self.site)?;
             Some(place.size)
         });
@@ -60,10 +61,10 @@ impl ModelEffect {
     }
 
     /// Reads one entry; `None` where it is wrong, which is reported.
-    fn read(section: Section<'_>) -> Option<Self> {
-        section.document("[[model.effects]]", KEYS);
+    fn read(section: Section<'_>, heading: &'static str) -> Option<Self> {
+        section.document(heading, KEYS);
         let ids: Vec<(&str, &'static str)> =
-            of_plants().map(|entry| (entry.id, entry.id)).collect();
+            of_one_axis().map(|entry| (entry.id, entry.id)).collect();
         let sites = Site::ALL.map(|site| (site.name(), site));
         let id = section.word("id", &ids);
         let site = section.word("site", &sites);
@@ -77,8 +78,9 @@ impl ModelEffect {
         Some(Self { id: id?, site: site?, parameters })
     }
 
-    /// Reads every entry of `[[model.effects]]`.
-    pub(crate) fn read_all(model: &Section<'_>) -> Vec<Self> {
-        model.sections("effects").into_iter().filter_map(Self::read).collect()
+    /// Reads every entry of the list `effects` in a section; `heading` is that of an entry.
+    pub(crate) fn read_all(section: &Section<'_>, heading: &'static str) -> Vec<Self> {
+        let entries = section.sections("effects").into_iter();
+        entries.filter_map(|entry| Self::read(entry, heading)).collect()
     }
 }

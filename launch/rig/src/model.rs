@@ -77,7 +77,7 @@ const KEYS: Keys = &[
     ("force", "Where the force column of records comes from; as the kind has it, if left out."),
     ("parameters", "Declared parameters; those left out have their printed values."),
     ("effects", "Effects beyond the model's equations."),
-    ("handle_coupling_kg_m2", "Products of inertia of a shared handle, one per pair of axes."),
+    ("handle_coupling_kg_m2", "Products of inertia of a shared handle, one per pair, to ±25 %."),
 ];
 
 impl Model {
@@ -147,7 +147,7 @@ impl Model {
         let sources = [("commanded", ForceSource::Commanded), ("measured", ForceSource::Measured)];
         let force = section.word_or_none("force", &sources);
         let parameters = Parameter::read_all(&section.section("parameters"));
-        let effects = ModelEffect::read_all(&section);
+        let effects = ModelEffect::read_all(&section, "[[model.effects]]");
         let products = bounds(-1.0, 1.0, "in kg·m²; a handle of 1 kg at 0.1 m has 0.01");
         let handle_coupling =
             section.numbers_or_none("handle_coupling_kg_m2", products).unwrap_or_default();

@@ -130,12 +130,20 @@ impl RigFile {
         self.axes.first().map_or_else(of_parameters, |axis| axis.unit)
     }
 
-    /// The declared effects, for the plant of an axis.
+    /// The declared effects of every axis, for a plant.
     ///
     /// # Errors
     /// [`RigError::Invalid`] where an effect cannot be made, which a checked file rules out.
     pub fn model_effects(&self) -> Result<Vec<Box<dyn Effect>>, RigError> {
-        self.each_effect(ModelEffect::make)
+        self.each_effect(None, ModelEffect::make)
+    }
+
+    /// The declared effects of an axis, those of every axis first, for its plant.
+    ///
+    /// # Errors
+    /// As [`RigFile::model_effects`].
+    pub fn axis_effects(&self, axis: &Axis) -> Result<Vec<Box<dyn Effect>>, RigError> {
+        self.each_effect(Some(axis), ModelEffect::make)
     }
 
     /// Constants of one axis's transmission for control laws: [`RigFile::axis_parameters`] with the
@@ -146,22 +154,23 @@ impl RigFile {
     /// are beyond its range.
     pub fn control_parameters(&self, axis: &Axis) -> Result<Parameters, RigError> {
         let mut constants = self.axis_parameters(axis)?;
-        self.each_effect(|effect| Ok(constants.absorb(&*effect.make()?)?))?;
+        self.each_effect(Some(axis), |effect| Ok(constants.absorb(&*effect.make()?)?))?;
         Ok(constants)
     }
 
     fn each_effect<T>(
         &self,
+        axis: Option<&Axis>,
         mut act: impl FnMut(&ModelEffect) -> Result<T, ModelEffectError>,
     ) -> Result<Vec<T>, RigError> {
-        let act = |(at, effect)| {
+        let own = axis.map_or(&[][..], |axis| &axis.effects);
+        let act = |effect: &ModelEffect| {
             act(effect).map_err(|error| {
-                let expected = "an effect within the model's range".to_owned();
-                let key = format!("model.effects.{at}");
-                RigError::wrong_model(&self.file_name, &key, expected, error.to_string())
+                let expected = format!("an effect {} within the model's range", effect.id);
+                RigError::wrong_model(&self.file_name, "model.effects", expected, error.to_string())
             })
         };
-        self.model.effects.iter().enumerate().map(act).collect()
+        self.model.effects.iter().chain(own).map(act).collect()
     }
 
     /// Dynamics of an axis reflected to its motor, for control laws; `None` where the model is no

@@ -152,3 +152,43 @@ fn drives_elements_and_oscillators_name_effects_as_transmissions_do() {
         );
     }
 }
+
+const TWO: &str = include_str!("../../rigs/two-axis.toml");
+
+/// The two-axis rig with an effect of its second axis, and one of both.
+fn of_second(id: &str, parameters: &str, of_both: &str) -> Result<RigFile, String> {
+    let own = entry(id, "slave", parameters).replace("model.effects", "axes.effects");
+    let text =
+        TWO.replace("[[channels]]\nindex = 0\n", &format!("{own}\n[[channels]]\nindex = 0\n"));
+    RigFile::parse(&format!("{text}\n{of_both}"), "rig.toml").map_err(|error| error.to_string())
+}
+
+#[test]
+fn an_axis_may_have_effects_that_the_others_do_not_have() {
+    let friction = entry("viscous_friction", "slave", "coefficient = 0.1");
+    let rig = of_second("extra_inertia", "inertia = 2e-3", &friction).unwrap();
+    let ids = |axis: usize| {
+        let made = rig.axis_effects(&rig.axes[axis]).unwrap();
+        made.iter().map(|effect| effect.id()).collect::<Vec<_>>()
+    };
+    assert_eq!(ids(0), ["viscous_friction"]);
+    assert_eq!(ids(1), ["viscous_friction", "extra_inertia"]);
+    let inertia =
+        |axis: usize| rig.control_parameters(&rig.axes[axis]).unwrap().slave_inertia_kg_m2();
+    assert!((inertia(1) - inertia(0) - 2e-3).abs() < 1e-12, "the control law knows it, too");
+}
+
+#[test]
+fn an_effect_of_one_axis_that_cannot_be_is_refused_with_its_key() {
+    let friction = entry("viscous_friction", "slave", "coefficient = 0.1");
+    let text = of_second("viscous_friction", "", &friction).unwrap_err();
+    assert!(
+        text.contains("axes.1.effects.0.id: expected an effect of its own (model.effects.0 has it"),
+        "{text}"
+    );
+    let text = of_second("backlash", "gap = -1.0", "").unwrap_err();
+    assert!(text.contains("axes.1.effects.0.parameters.gap: expected 0 to"), "{text}");
+    // The coupling of a handle is a constant of the handle.
+    let text = of_second("handle_coupling", "with_axis_0 = 1e-4", "").unwrap_err();
+    assert!(text.contains("axes.1.effects.0.id: expected one of"), "{text}");
+}

@@ -1,7 +1,7 @@
 //! Effects by name.
 
 use super::one_channel::OneChannel;
-use super::{Effect, Entry, LIST, Site};
+use super::{Effect, Entry, LIST, Site, handle_coupling};
 use crate::ParameterError;
 
 /// An effect given as `ID[@SITE][=SIZE]` is invalid.
@@ -103,6 +103,11 @@ pub fn entry(id: &str) -> Option<&'static Entry> {
 /// The effects that a plant can have.
 pub fn of_plants() -> impl Iterator<Item = &'static Entry> {
     LIST.iter().filter(|entry| !entry.sites.is_empty())
+}
+
+/// Those that a transmission can have by itself, without other axes at its handle.
+pub fn of_one_axis() -> impl Iterator<Item = &'static Entry> {
+    of_plants().filter(|entry| entry.id != handle_coupling::ENTRY.id)
 }
 
 /// The effects in models of one channel, in the order in which they are tried.

@@ -2,6 +2,7 @@
 
 use super::{Effect, LineConstants, Moment, Side, SideLoad, Site};
 use crate::ParameterError;
+use crate::handle_inertia::AXES;
 use crate::transmission::{Motion, Reading};
 
 /// Effects by site.
@@ -11,6 +12,8 @@ pub(crate) struct Sited {
     at: [Vec<Box<dyn Effect>>; 5],
     /// Inertia that they add there, kg·m².
     pub(crate) extra_inertia: [f64; 5],
+    /// Products of inertia that they add to a shared handle, by axis, kg·m².
+    pub(crate) handle_coupling_kg_m2: [f64; AXES],
     /// Largest factor by which effects stiffen the lines.
     pub(crate) stiffness_factor: f64,
     /// Highest rate that effects add, rad/s.
@@ -71,6 +74,8 @@ impl Sited {
             sited.rate_rad_s = sited.rate_rad_s.max(demand.rate_rad_s);
             let site = effect.site() as usize;
             sited.extra_inertia[site] += effect.extra_inertia();
+            let coupling = sited.handle_coupling_kg_m2.iter_mut();
+            coupling.zip(effect.handle_coupling_kg_m2()).for_each(|(sum, own)| *sum += own);
             sited.at[site].push(effect);
         }
         Ok(sited)

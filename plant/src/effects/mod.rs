@@ -8,6 +8,7 @@
 
 use crate::ParameterSet;
 use crate::friction::{Load, OperatingPoint};
+use crate::handle_inertia::AXES;
 use crate::transmission::Reading;
 use std::fmt;
 
@@ -28,6 +29,7 @@ pub mod end_stop;
 pub mod extra_inertia;
 pub mod gravity_imbalance;
 pub mod hand_impedance;
+pub mod handle_coupling;
 pub mod leakage;
 pub mod line_compliance;
 pub mod line_damping;
@@ -53,7 +55,7 @@ pub mod viscoelastic_line;
 pub mod viscous_friction;
 
 pub use adjustable_constants::LineConstants;
-pub use by_name::{EffectError, entry, make, of_one_channel, of_plants, parse};
+pub use by_name::{EffectError, entry, make, of_one_axis, of_one_channel, of_plants, parse};
 pub(crate) use by_site::{Reach, Sited};
 pub(crate) use declaration::effect;
 pub use declaration::{Entry, Place};
@@ -78,6 +80,7 @@ pub const LIST: &[Entry] = &[
     gravity_imbalance::ENTRY,
     extra_inertia::ENTRY,
     hand_impedance::ENTRY,
+    handle_coupling::ENTRY,
     torque_ripple::ENTRY,
     amplifier_saturation::ENTRY,
     amplifier_deadzone::ENTRY,
@@ -284,6 +287,12 @@ pub trait Effect: Identity + ParameterSet + CloneEffect + fmt::Debug + Send {
     /// Inertia that it adds to its side, kg·m² (kg).
     fn extra_inertia(&self) -> f64 {
         0.0
+    }
+
+    /// Products of inertia that it adds between its side and the slaves of the axes at the same
+    /// handle, by axis, kg·m².
+    fn handle_coupling_kg_m2(&self) -> [f64; AXES] {
+        [0.0; AXES]
     }
 
     /// Constant and viscous friction that it adds to its side, N·m and N·m·s/rad (N, N·s/m).

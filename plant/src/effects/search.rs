@@ -153,6 +153,8 @@ pub struct RecordFeatures {
     pub rectified: bool,
     /// Whether every record has the slave's position.
     pub slave: bool,
+    /// The other axes at the same handle whose motion every record has.
+    pub other_axes: Vec<usize>,
 }
 
 /// Parameters of an effect by name, its size first; others have their defaults.

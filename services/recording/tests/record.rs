@@ -223,6 +223,33 @@ fn lost_samples_are_refused_or_masked_and_absent_channels_left_out() {
 }
 
 #[test]
+fn other_axes_come_beside_the_axis_where_the_samples_have_them() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("run.mcap");
+    write(
+        &path,
+        (0..100).map(|i| {
+            let mut s = sample(i);
+            (s.axes, s.slave_present) = (2, 0b11);
+            s.slave_position[1] = -2.0 * i as f64;
+            s
+        }),
+    );
+    let other =
+        |axis: usize, name: &str| (axis, ColumnNames::slave_only(column_of(name, "slave_rad")));
+    let columns = SampleColumns {
+        others: vec![other(1, "rotation"), other(2, "third"), other(7, "eighth")],
+        scan_hz: Some(2000.0),
+        ..SampleColumns::new(ColumnNames::rotary())
+    };
+    let record = from_mcap(&path, &columns, &Options::default()).unwrap();
+    let names: Vec<&str> = record.columns.keys().map(String::as_str).collect();
+    assert!(names.contains(&"slave_rad") && names.contains(&"rotation.slave_rad"), "{names:?}");
+    assert!(!names.iter().any(|name| name.starts_with("third") || name.starts_with("eighth")));
+    assert_eq!(record.column("rotation.slave_rad").unwrap()[7], -14.0);
+}
+
+#[test]
 fn a_replayed_record_keeps_its_own_time_and_one_pass() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("run.mcap");

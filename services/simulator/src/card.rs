@@ -23,7 +23,7 @@ pub enum CardError {
     Parameter(#[from] ParameterError),
     #[error("--effect: {0}")]
     Effect(#[from] EffectError),
-    #[error("model.handle_coupling: {0}")]
+    #[error("coupling of the handle: {0}")]
     Coupling(#[from] CouplingError),
     /// The model kind has no simulated plant.
     #[error(
@@ -106,7 +106,7 @@ impl Card {
             }
             let requested =
                 effects.iter().map(|text| parse(text)).collect::<Result<Vec<_>, _>>()?;
-            let mut effects = rig.model_effects()?;
+            let mut effects = rig.axis_effects(axis)?;
             effects.extend(requested);
             if let Some((lower, upper)) = simulation.end_stops {
                 effects.push(Box::new(EndStop::between(lower, upper)));

@@ -11,6 +11,11 @@ use recording::record::Mapping;
 /// of a drive: t_s, force_n, position_m (or torque_nm, position_rad); of an element: t_s,
 /// position_m, force_n; of an oscillator: t_s, input, output.
 ///
+/// Of a rig with several axes, one is identified at a time (--axis). A CSV file then has the axis's
+/// own columns, by these names or with the name of the axis before them (flexion.motor_v), and of
+/// each other axis the position of its slave (rotation.slave_rad), whose acceleration acts through
+/// the handle that they share. Recordings have all of them.
+///
 /// A CSV file that names its columns otherwise, and a recording (MCAP) of another program, are read
 /// with --map: SOURCE is a name in the header, or TOPIC:FIELD with dots into messages and brackets
 /// into arrays; FACTOR brings it to SI units. Without a mapping of t_s the time of a recording is
@@ -33,6 +38,9 @@ pub struct Args {
     /// Measured records
     #[arg(value_name = "RECORD", required_unless_present_any = ["fit", "select", "report_on"])]
     pub records: Vec<PathBuf>,
+    /// The axis to identify, by name or by number from 0; required for a rig with several
+    #[arg(long, value_name = "NAME|N")]
+    pub axis: Option<String>,
     /// Where a column comes from, for all records (repeatable):
     /// slave_torque_nm=/handle:wrench.torque.z
     #[arg(long, value_name = "COLUMN=SOURCE[*FACTOR]")]

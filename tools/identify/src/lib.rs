@@ -16,6 +16,7 @@
 extern crate self as identify;
 
 mod args;
+pub mod chosen_axis;
 pub mod correlation;
 pub mod deadline;
 pub mod effects;

@@ -95,6 +95,9 @@ impl RefusalKind {
 pub struct Outcome {
     /// The verdict.
     pub verdict: Verdict,
+    /// Name of the axis that was identified; left out for a rig with one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub axis: Option<String>,
     /// Whether the time limit left anything out of which this could still change; the notes say
     /// what. Left out if not.
     #[serde(skip_serializing_if = "std::ops::Not::not")]

@@ -9,6 +9,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use rig::RigFile;
 
 use crate::Args;
+use crate::chosen_axis::chosen_axis;
 use crate::equation_error::block_roles::Role;
 use crate::error::{IdentifyError, Result};
 use crate::input::Series;
@@ -119,7 +120,8 @@ fn refuse(args: &Args, kind: RefusalKind, message: String) -> i32 {
 
 fn whole(args: &Args) -> anyhow::Result<(RigFile, Identification)> {
     let rig = rig::load_declaration(&args.rig)?;
-    let records = records(args, &rig)?;
+    let axis = chosen_axis(&rig, args.axis.as_deref())?;
+    let records = records(args, &rig, axis)?;
     // A spinner shows progress; nothing is drawn in a pipe.
     let bar = ProgressBar::new_spinner()
         .with_style(ProgressStyle::with_template("{spinner} {msg} {elapsed}")?)
@@ -132,6 +134,7 @@ fn whole(args: &Args) -> anyhow::Result<(RigFile, Identification)> {
         propose: args.propose_experiment.is_some(),
         calibrate: args.calibrate,
         limit_s: Some(args.limit_s()),
+        axis,
     };
     let studied = study(&rig, &records, how);
     bar.finish_and_clear();
@@ -209,7 +212,7 @@ fn make_folder(path: &Path) -> std::io::Result<()> {
 }
 
 /// All records with the roles fixed on the command line.
-fn records(args: &Args, rig: &RigFile) -> Result<Vec<Series>> {
+fn records(args: &Args, rig: &RigFile, axis: usize) -> Result<Vec<Series>> {
     let mut asked: Vec<(&PathBuf, Option<Role>)> = Vec::new();
     for (paths, role) in
         [(&args.fit, Role::Fit), (&args.select, Role::Select), (&args.report_on, Role::Report)]
@@ -244,7 +247,7 @@ fn records(args: &Args, rig: &RigFile) -> Result<Vec<Series>> {
     };
     asked
         .into_iter()
-        .map(|(path, role)| Ok(Series { role, ..read_mapped(path, rig, &options)? }))
+        .map(|(path, role)| Ok(Series { role, ..read_mapped(path, rig, axis, &options)? }))
         .collect()
 }
 
@@ -319,6 +322,7 @@ mod tests {
         Args {
             rig,
             records: Vec::new(),
+            axis: None,
             map: Vec::new(),
             resample: None,
             report: None,
@@ -388,12 +392,12 @@ mod tests {
             ..arguments(rig.clone())
         };
         let rig = RigFile::load(rig).unwrap();
-        let text = records(&args, &rig).unwrap_err().to_string();
+        let text = records(&args, &rig, 0).unwrap_err().to_string();
         assert!(text.contains("has two roles"), "{text}");
         // Given twice without a role it is one record.
         let args =
             Args { fit: Vec::new(), report_on: Vec::new(), records: vec![path, other], ..args };
-        assert_eq!(records(&args, &rig).unwrap().len(), 1);
+        assert_eq!(records(&args, &rig, 0).unwrap().len(), 1);
     }
 
     #[test]

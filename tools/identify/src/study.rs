@@ -8,13 +8,15 @@ use recording::mcap_read::Recording;
 use recording::mcap_write::{START_RECORD, key};
 use recording::record::{self, ColumnNames, Mapping, SampleColumns};
 use report::Page;
-use rig::{AxisUnit, RigFile};
+use rig::{AxisUnit, ModelEffect, RigFile};
 
+use crate::chosen_axis::own_columns;
 use crate::deadline::Deadline;
 use crate::error::{IdentifyError, Result};
 use crate::input::Series;
 use crate::models::{Options, RigCapability, of_kind, sentences};
 use crate::outcome::Outcome;
+use crate::prediction_error::other_axes::OtherAxis;
 
 /// Result of an identification with its page.
 #[derive(Debug)]
@@ -42,13 +44,17 @@ pub struct StudyOptions {
     pub calibrate: usize,
     /// Time after which the best answer so far is given (s); `None` for no limit.
     pub limit_s: Option<f64>,
+    /// Index of the axis that is identified, from 0 ([`chosen_axis`]).
+    ///
+    /// [`chosen_axis`]: crate::chosen_axis::chosen_axis
+    pub axis: usize,
 }
 
 impl Default for StudyOptions {
-    /// On all processors, without a proposal, replicates and time limit.
+    /// The first axis, on all processors, without a proposal, replicates and time limit.
     fn default() -> Self {
         let jobs = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
-        Self { jobs, seed: 1, propose: false, calibrate: 0, limit_s: None }
+        Self { jobs, seed: 1, propose: false, calibrate: 0, limit_s: None, axis: 0 }
     }
 }
 
@@ -57,24 +63,21 @@ impl Default for StudyOptions {
 /// Effects that the file declares are ignored: they are selected from these records alone.
 ///
 /// # Errors
-/// If the rig file has several axes, or the data cannot be used.
+/// If the data cannot be used.
 pub fn study(rig: &RigFile, records: &[Series], how: StudyOptions) -> Result<Identification> {
     let started = std::time::Instant::now();
-    let file = rig.file_name().to_owned();
-    let axis = rig.axes.first();
-    if rig.axes.len() > 1 {
-        // Nobody says which of several axes a model's parameters belong to.
-        return Err(IdentifyError::Unusable(format!(
-            "{file}: [[axes]]: expected one axis, found {}; identify one axis at a time, with a \
-             rig file that has it alone",
-            rig.axes.len()
-        )));
-    }
+    let axis = rig.axes.get(how.axis);
+    let several = axis.filter(|_| rig.axes.len() > 1).map(|axis| axis.name.clone());
+    let file = match &several {
+        Some(name) => format!("{}, axis \"{name}\"", rig.file_name()),
+        None => rig.file_name().to_owned(),
+    };
     let model = of_kind(rig.model.kind);
     let gear = axis.map_or(1.0, |axis| axis.master.turns_per_handle_turn);
     let slave = axis.and_then(|axis| axis.slave);
     let slave_count_rad = slave.map(|encoder| 1.0 / encoder.counts_per_unit);
-    let capability = RigCapability::of(rig);
+    let capability = RigCapability::of(rig, how.axis);
+    let others = OtherAxis::beside(rig, how.axis);
     if how.calibrate > 0 && capability.is_none() {
         return Err(IdentifyError::Unusable(format!(
             "{file}: --calibrate: expected a transmission with an axis in rad, found a model of \
@@ -91,6 +94,8 @@ pub fn study(rig: &RigFile, records: &[Series], how: StudyOptions) -> Result<Ide
         seed: how.seed,
         gear,
         slave_count_rad,
+        axis: several.as_deref(),
+        others: &others,
         capability,
         propose: how.propose,
         calibrate: how.calibrate,
@@ -106,9 +111,11 @@ pub fn study(rig: &RigFile, records: &[Series], how: StudyOptions) -> Result<Ide
     let (mut outcome, page) =
         pool.install(|| model.identify(&file, &declared, records, options))?;
     let (_, sentence, detail) = sentences(&outcome, model.is_located());
-    if !rig.model.effects.is_empty() {
+    let declared: Vec<&ModelEffect> =
+        rig.model.effects.iter().chain(axis.iter().flat_map(|axis| &axis.effects)).collect();
+    if !declared.is_empty() {
         let names: Vec<String> =
-            rig.model.effects.iter().map(|own| format!("{}@{}", own.id, own.site)).collect();
+            declared.iter().map(|own| format!("{}@{}", own.id, own.site)).collect();
         outcome.notes.push(format!(
             "{file} declares {} already: it is not used, since identify selects effects from these \
              records alone",
@@ -120,15 +127,17 @@ pub fn study(rig: &RigFile, records: &[Series], how: StudyOptions) -> Result<Ide
 }
 
 /// Refuses mappings to columns that the model does not have: they would leave out the intended one.
-fn check_mapping(rig: &RigFile, mapping: &[Mapping]) -> Result<()> {
+fn check_mapping(rig: &RigFile, axis: usize, mapping: &[Mapping]) -> Result<()> {
     let model = of_kind(rig.model.kind);
-    let unknown = mapping.iter().find(|own| !model.columns().contains(&own.column.as_str()));
+    let mut columns: Vec<String> = model.columns().iter().map(|&name| name.to_owned()).collect();
+    columns.extend(OtherAxis::beside(rig, axis).iter().map(OtherAxis::column));
+    let unknown = mapping.iter().find(|own| !columns.contains(&own.column));
     unknown.map_or(Ok(()), |own| {
         Err(IdentifyError::Usage(format!(
             "--map {}=...: expected one of the columns {} of a model of kind \"{}\"; correct the \
              name on the left of the equals sign",
             own.column,
-            model.columns().join(", "),
+            columns.join(", "),
             rig.model.kind.name()
         )))
     })
@@ -192,21 +201,28 @@ fn from_the_first(records: &[Series]) -> Option<Vec<Series>> {
 /// # Errors
 /// [`IdentifyError::Unusable`], with file, row and column.
 pub fn read(path: &Path, rig: &RigFile) -> Result<Series> {
-    read_mapped(path, rig, &record::Options::default())
+    read_mapped(path, rig, 0, &record::Options::default())
 }
 
-/// As [`read`], for files with other column names and for recordings of other programs; rows may be
-/// resampled.
+/// As [`read`] for an axis of the rig, for files with other column names and for recordings of
+/// other programs; rows may be resampled.
+///
+/// Of the other axes, the positions of the slaves are read where they were recorded.
 ///
 /// # Errors
 /// As [`read`].
-pub fn read_mapped(path: &Path, rig: &RigFile, options: &record::Options) -> Result<Series> {
+pub fn read_mapped(
+    path: &Path,
+    rig: &RigFile,
+    axis: usize,
+    options: &record::Options,
+) -> Result<Series> {
     let names = match (rig.model.kind.is_transmission(), rig.unit()) {
         (true, _) => ColumnNames::rotary(),
         (false, AxisUnit::Radian) => ColumnNames::one_mass_rotary(),
         (false, AxisUnit::Metre) => ColumnNames::one_mass_linear(),
     };
-    check_mapping(rig, &options.mapping)?;
+    check_mapping(rig, axis, &options.mapping)?;
     let file = path.display().to_string();
     let mcap = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("mcap"));
     if mcap {
@@ -214,7 +230,13 @@ pub fn read_mapped(path: &Path, rig: &RigFile, options: &record::Options) -> Res
     }
     let read = match (mcap, options.mapping.is_empty()) {
         (false, _) => record::from_csv(path, options),
-        (true, true) => record::from_mcap(path, &SampleColumns::new(names), options),
+        (true, true) => {
+            let others = OtherAxis::beside(rig, axis).into_iter();
+            let others = others.map(|other| (other.index, ColumnNames::slave_only(other.column())));
+            let columns =
+                SampleColumns { axis, others: others.collect(), ..SampleColumns::new(names) };
+            record::from_mcap(path, &columns, options)
+        }
         (true, false) => record::from_topics(path, options),
     };
     let record = read.map_err(|e| IdentifyError::Unusable(e.to_string()))?;
@@ -225,6 +247,9 @@ pub fn read_mapped(path: &Path, rig: &RigFile, options: &record::Options) -> Res
         .collect();
     let mut columns = vec![(record::TIME.to_owned(), record.time_s)];
     columns.extend(record.columns);
+    if let Some(axis) = rig.axes.get(axis) {
+        own_columns(&file, &axis.name, of_kind(rig.model.kind).columns(), &mut columns)?;
+    }
     Ok(Series { file, columns, role: None, notes })
 }
 
@@ -301,7 +326,8 @@ mod tests {
             mapping: vec!["slave_tourqe_nm=torque".parse().unwrap()],
             ..record::Options::default()
         };
-        let error = read_mapped(Path::new("run.csv"), &rig("hydrostatic"), &options).unwrap_err();
+        let error =
+            read_mapped(Path::new("run.csv"), &rig("hydrostatic"), 0, &options).unwrap_err();
         assert!(matches!(error, IdentifyError::Usage(_)), "{error}");
         let text = error.to_string();
         assert!(text.contains("slave_tourqe_nm") && text.contains("slave_torque_nm"), "{text}");

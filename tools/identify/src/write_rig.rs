@@ -10,13 +10,18 @@
 //! it: identify, which ignores declared effects, will then test for the excess again.
 
 mod entries;
+mod numbers;
+mod several_axes;
 
 use rig::RigFile;
 use toml_edit::{ArrayOfTables, DocumentMut, InlineTable, Item, Table, TableLike, Value};
 
 use crate::outcome::{FittedParameter, FoundEffect, Outcome, Verdict};
+use crate::prediction_error::other_axes::HANDLE_COUPLING;
 use crate::prediction_error::transmission_model::{SMOOTHING, SMOOTHING_SHAPE};
 use entries::{Entries, entries};
+use numbers::{number, rounded_up};
+use several_axes::{is_coupling, put_coupling};
 
 /// Parameters without a declared value that are needed to reproduce the fitted plant.
 const OWN: [(&str, &str); 2] = [
@@ -87,17 +92,22 @@ pub fn fitted(
             ))
         })
     };
-    let Entries { effects, beside, mut left_out } = entries(outcome, &read(text)?.model);
-    let mut count = 0;
-    for parameter in
-        outcome.parameters.iter().filter(|p| p.declared.is_some() || own(&p.name).is_some())
-    {
-        if !beside.contains(&parameter.name.as_str()) {
-            put_parameter(&mut document, file, parameter, !outcome.remains)?;
+    let rig = read(text)?;
+    let Entries { mut effects, beside, mut left_out } = entries(outcome, &rig.model);
+    effects.retain(|effect| !is_coupling(&effect.id));
+    // Of a rig with several axes, the result is of one.
+    let axis =
+        outcome.axis.as_ref().and_then(|name| rig.axes.iter().position(|axis| axis.name == *name));
+    let mut count = axis.map_or(0, |axis| put_coupling(&mut document, &rig, axis, outcome));
+    for parameter in outcome.parameters.iter().filter(|p| is_of_file(p)) {
+        // What an axis has in common with the others stays there.
+        let stays = axis.is_some() && parameter.std.is_none() && is_as_declared(parameter);
+        if !stays && !beside.contains(&parameter.name.as_str()) {
+            put_parameter(&mut document, (file, axis), parameter, !outcome.remains)?;
             count += 1;
         }
     }
-    put_effects(&mut document, &effects);
+    put_effects(&mut document, &effects, axis);
     let text = with_provenance(&document.to_string(), outcome, provenance);
     read(&text)?;
     if outcome.remains {
@@ -149,14 +159,27 @@ fn with_provenance(text: &str, outcome: &Outcome, provenance: &Provenance) -> St
     header + &kept.collect::<String>()
 }
 
+/// Whether a parameter has a place among those of the rig file.
+fn is_of_file(parameter: &FittedParameter) -> bool {
+    let of_plant = !parameter.name.starts_with(HANDLE_COUPLING);
+    of_plant && (parameter.declared.is_some() || own(&parameter.name).is_some())
+}
+
 /// Describes a parameter without a declared value.
 fn own(name: &str) -> Option<&'static str> {
     OWN.iter().find(|(own, _)| *own == name).map(|(_, what)| *what)
 }
 
-/// The table that holds a parameter: that of the axis if it has the parameter, else that of the
-/// model.
-fn table_of<'d>(document: &'d mut DocumentMut, name: &str) -> Option<&'d mut dyn TableLike> {
+/// The table that holds a parameter: of several axes that of `axis`; of one axis its own if it has
+/// the parameter, else that of the model.
+fn table_of<'d>(
+    document: &'d mut DocumentMut,
+    name: &str,
+    axis: Option<usize>,
+) -> Option<&'d mut dyn TableLike> {
+    if let Some(axis) = axis {
+        return several_axes::parameters(document, axis, name);
+    }
     let of_axis = |document: &DocumentMut| {
         document
             .get("axes")?
@@ -181,7 +204,7 @@ fn table_of<'d>(document: &'d mut DocumentMut, name: &str) -> Option<&'d mut dyn
 
 fn put_parameter(
     document: &mut DocumentMut,
-    file: &str,
+    (file, axis): (&str, Option<usize>),
     parameter: &FittedParameter,
     narrow: bool,
 ) -> Result<(), WriteRigError> {
@@ -192,7 +215,7 @@ fn put_parameter(
              {found}"
         ))
     };
-    let table = table_of(document, name).ok_or_else(|| wrong("no table of parameters"))?;
+    let table = table_of(document, name, axis).ok_or_else(|| wrong("no table of parameters"))?;
     if table.get(name).is_none() {
         let comment = own(name).map_or(String::new(), |what| format!("     # estimated: {what}"));
         table.insert(name, Item::Value(number(parameter.fitted).decorated(" ", comment)));
@@ -210,8 +233,7 @@ fn put_parameter(
         *value.decor_mut() = decor;
     }
     let entry = item.as_table_like_mut().ok_or_else(|| wrong("something else"))?;
-    let same = |value: f64| (value - parameter.fitted).abs() <= 1e-9 * value.abs();
-    let unchanged = number_of(entry, "value").is_some_and(same);
+    let unchanged = number_of(entry, "value").is_some_and(|value| is_same(value, parameter));
     if !unchanged {
         replace(entry, "value", number(parameter.fitted));
     }
@@ -236,6 +258,16 @@ fn put_parameter(
     Ok(())
 }
 
+/// Whether a value is that which was fitted.
+fn is_same(value: f64, parameter: &FittedParameter) -> bool {
+    (value - parameter.fitted).abs() <= 1e-9 * value.abs()
+}
+
+/// Whether a parameter was fitted to its declared value.
+fn is_as_declared(parameter: &FittedParameter) -> bool {
+    parameter.declared.is_some_and(|declared| is_same(declared, parameter))
+}
+
 /// A number of an entry.
 fn number_of(entry: &dyn TableLike, key: &str) -> Option<f64> {
     let item = entry.get(key)?;
@@ -250,13 +282,21 @@ fn replace(table: &mut dyn TableLike, key: &str, mut value: Value) {
     table.insert(key, Item::Value(value));
 }
 
-/// Replaces the list of effects.
-fn put_effects(document: &mut DocumentMut, effects: &[FoundEffect]) {
+/// Replaces the list of effects: of one axis where there are several.
+fn put_effects(document: &mut DocumentMut, effects: &[FoundEffect], axis: Option<usize>) {
+    let list = (!effects.is_empty()).then(|| effect_tables(effects));
+    if let Some(axis) = axis {
+        return several_axes::put_effects(document, axis, list);
+    }
     let Some(model) = document.get_mut("model").and_then(Item::as_table_like_mut) else { return };
     model.remove("effects");
-    if effects.is_empty() {
-        return;
+    if let Some(list) = list {
+        model.insert("effects", Item::ArrayOfTables(list));
     }
+}
+
+/// Effects as entries of a list.
+fn effect_tables(effects: &[FoundEffect]) -> ArrayOfTables {
     let mut list = ArrayOfTables::new();
     for (at, effect) in effects.iter().enumerate() {
         let mut entry = Table::new();
@@ -272,26 +312,5 @@ fn put_effects(document: &mut DocumentMut, effects: &[FoundEffect]) {
         entry.insert("parameters", toml_edit::value(parameters));
         list.push(entry);
     }
-    model.insert("effects", Item::ArrayOfTables(list));
-}
-
-/// A number with eight digits: more than any record can resolve, and short enough to be read.
-fn number(value: f64) -> Value {
-    let value: f64 = format!("{value:.7e}").parse().unwrap_or(value);
-    let plain = value == 0.0 || (1e-3..1e6).contains(&value.abs());
-    // Parsed from text, since a number would be written without an exponent.
-    if plain {
-        Value::from(value)
-    } else {
-        format!("{value:e}").parse().unwrap_or(Value::from(value))
-    }
-}
-
-/// Rounded up to two digits.
-fn rounded_up(value: f64) -> f64 {
-    if value <= 0.0 {
-        return 0.0;
-    }
-    let unit = 10f64.powf(value.log10().floor() - 1.0);
-    format!("{:.1e}", (value / unit - 1e-6).ceil() * unit).parse().unwrap_or(value)
+    list
 }

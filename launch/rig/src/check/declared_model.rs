@@ -73,37 +73,58 @@ fn check_parameters(kind: ModelKind, table: &str, parameters: &[Parameter], sour
     }
 }
 
-/// Whether no effect is listed twice, and each can act in every axis's transmission.
+/// Whether no effect is listed twice, and each can act in the transmission of its axis, or of every
+/// axis.
 fn check_effects(model: &Model, axes: &[Axis], source: &Source<'_>) {
+    let mut listed: Vec<(String, &ModelEffect)> = Vec::new();
     for (at, effect) in model.effects.iter().enumerate() {
-        let same = |other: &ModelEffect| (other.id, other.site) == (effect.id, effect.site);
-        if let Some(before) = model.effects[..at].iter().position(same) {
-            let expected = format!("an effect of its own (model.effects.{before} has it already)");
-            let found = format!("{} at {}", effect.id, effect.site);
-            let key = format!("model.effects.{at}.id");
-            source.problem(&key, expected, found, "take one of the two out");
-        }
+        let key = format!("model.effects.{at}");
+        check_listed_once(&key, effect, &listed, source);
         if axes.is_empty() {
-            check_effect(effect, at, None, source);
+            check_effect(&key, effect, None, source);
         }
         for axis in axes {
-            check_effect(effect, at, model.of_axis(&axis.model, "").ok(), source);
+            check_effect(&key, effect, model.of_axis(&axis.model, "").ok(), source);
             if !source.is_clean() {
                 break;
             }
         }
+        listed.push((key, effect));
+    }
+    for (number, axis) in axes.iter().enumerate() {
+        let mut listed = listed.clone();
+        for (at, effect) in axis.effects.iter().enumerate() {
+            let key = format!("axes.{number}.effects.{at}");
+            check_listed_once(&key, effect, &listed, source);
+            check_effect(&key, effect, model.of_axis(&axis.model, "").ok(), source);
+            listed.push((key, effect));
+        }
     }
 }
 
-/// Checks the effect with index `at`: id, site and parameters, and whether it can act in the
-/// transmission, if the model is one.
-fn check_effect(
+/// Whether none of the effects listed before is the same.
+fn check_listed_once(
+    key: &str,
     effect: &ModelEffect,
-    at: usize,
+    listed: &[(String, &ModelEffect)],
+    source: &Source<'_>,
+) {
+    let same = |other: &ModelEffect| (other.id, other.site) == (effect.id, effect.site);
+    if let Some((before, _)) = listed.iter().find(|(_, other)| same(other)) {
+        let expected = format!("an effect of its own ({before} has it already)");
+        let found = format!("{} at {}", effect.id, effect.site);
+        source.problem(&format!("{key}.id"), expected, found, "take one of the two out");
+    }
+}
+
+/// Checks the effect at `key`: id, site and parameters, and whether it can act in the transmission,
+/// if the model is one.
+fn check_effect(
+    key: &str,
+    effect: &ModelEffect,
     transmission: Option<Parameters>,
     source: &Source<'_>,
 ) {
-    let key = format!("model.effects.{at}");
     let parameter_key = |name: &str| format!("{key}.parameters.{name}");
     match effect.make() {
         Err(ModelEffectError::Effect(EffectError::WrongSite { allowed, .. })) => {
@@ -132,14 +153,14 @@ fn check_effect(
         }
         Err(other) => {
             let advice = "correct the entry, or take it out";
-            source.problem(&key, "an effect of the model", other, advice);
+            source.problem(key, "an effect of the model", other, advice);
         }
         Ok(made) => {
             if let Some(constants) = transmission
                 && let Err(error) = constants.plant(vec![made])
             {
                 let expected = "an effect that acts in this transmission";
-                source.problem(&key, expected, error, "take the entry out");
+                source.problem(key, expected, error, "take the entry out");
             }
         }
     }

@@ -32,6 +32,7 @@ friction_peak_v = 1.5
 [axes.control.compensation]
 [axes.control.observer]
 [axes.control.slave]
+[[axes.effects]]
 [[channels]]
 [model]
 [model.parameters]

@@ -15,6 +15,7 @@ use super::{
 };
 use crate::effects::{Effect, Moment, Reach, Site, Sited};
 use crate::friction::{Advance, Load};
+use crate::handle_inertia::AXES;
 use crate::{ParameterError, ParameterSet};
 
 /// What [`Plant::with_longest_step`] may multiply the phase by: the highest mode is then at most
@@ -228,6 +229,11 @@ impl<L: LineLaw> Plant<L> {
         if let Some(before) = before {
             self.stored_at_start_j += total(self) - before;
         }
+    }
+
+    /// Products of inertia that effects add to a shared handle, by axis, kg·m².
+    pub(crate) fn handle_coupling_kg_m2(&self) -> [f64; AXES] {
+        self.effects.handle_coupling_kg_m2
     }
 
     /// Inertia of the slave, effects included, kg·m².

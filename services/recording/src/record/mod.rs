@@ -28,6 +28,12 @@ use crate::mcap_read::ReadError;
 /// Name of the time column.
 pub const TIME: &str = "t_s";
 
+/// Name of a column in a record of several axes: that of the axis, a dot, and that which the column
+/// has in a record of one axis.
+pub fn column_of(axis: &str, column: &str) -> String {
+    format!("{axis}.{column}")
+}
+
 /// A measured record.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Record {

@@ -38,6 +38,10 @@ impl ColumnNames {
     pub fn one_mass_rotary() -> Self {
         Self { slave: None, ..Self::named(["motor_v", "position_rad", "", "torque_nm"]) }
     }
+    /// The position of the slave alone.
+    pub fn slave_only(name: String) -> Self {
+        Self { motor: None, master: None, slave: Some(name), torque: None }
+    }
     fn named([motor, master, slave, torque]: [&str; 4]) -> Self {
         let name = |text: &str| Some(text.to_owned());
         Self { motor: name(motor), master: name(master), slave: name(slave), torque: name(torque) }
@@ -51,6 +55,9 @@ pub struct SampleColumns {
     pub axis: usize,
     /// Names of its channels.
     pub names: ColumnNames,
+    /// Further axes, with the names of their channels. An axis that the samples do not have is
+    /// left out.
+    pub others: Vec<(usize, ColumnNames)>,
     /// Further analog channels as read, in volts: channel and name of the column.
     pub analog: Vec<(usize, String)>,
     /// Scan rate by the rig file (Hz); `None`: taken from scan times and ticks.
@@ -60,7 +67,7 @@ pub struct SampleColumns {
 impl SampleColumns {
     /// Axis 0 with these names.
     pub fn new(names: ColumnNames) -> Self {
-        Self { axis: 0, names, analog: Vec::new(), scan_hz: None }
+        Self { axis: 0, names, others: Vec::new(), analog: Vec::new(), scan_hz: None }
     }
 }
 
@@ -186,18 +193,22 @@ fn pick(
     findings: &mut Vec<Finding>,
 ) -> Result<BTreeMap<String, Vec<f64>>, String> {
     let mut picked: BTreeMap<String, Vec<f64>> = BTreeMap::new();
-    let axis = columns.axis;
-    let names = &columns.names;
     type Read = fn(&Sample, usize) -> f64;
     type Present = fn(&Sample, usize) -> bool;
-    let channels: [(&Option<String>, Present, Read); 4] = [
-        (&names.motor, |s, i| s.motor_present >> i & 1 == 1, |s, i| s.motor_v[i]),
-        (&names.master, |s, i| s.master_present >> i & 1 == 1, |s, i| s.master_position[i]),
-        (&names.slave, |s, i| s.slave_present >> i & 1 == 1, |s, i| s.slave_position[i]),
-        (&names.torque, |s, i| s.torque_present >> i & 1 == 1, |s, i| s.slave_torque[i]),
-    ];
-    let axis_channels =
-        channels.into_iter().filter_map(|(name, p, r)| Some((name.clone()?, axis, p, r)));
+    let of_axis = |(axis, names): (usize, &ColumnNames)| {
+        let channels: [(&Option<String>, Present, Read); 4] = [
+            (&names.motor, |s, i| s.motor_present >> i & 1 == 1, |s, i| s.motor_v[i]),
+            (&names.master, |s, i| s.master_present >> i & 1 == 1, |s, i| s.master_position[i]),
+            (&names.slave, |s, i| s.slave_present >> i & 1 == 1, |s, i| s.slave_position[i]),
+            (&names.torque, |s, i| s.torque_present >> i & 1 == 1, |s, i| s.slave_torque[i]),
+        ];
+        channels.map(|(name, p, r)| Some((name.clone()?, axis, p, r)))
+    };
+    let others = columns.others.iter().map(|(axis, names)| (*axis, names));
+    let axis_channels = std::iter::once((columns.axis, &columns.names))
+        .chain(others.filter(|(axis, _)| *axis < AXES))
+        .flat_map(of_axis)
+        .flatten();
     let analog: (Present, Read) = (|s, i| s.analog_present >> i & 1 == 1, |s, i| s.analog_v[i]);
     let further =
         columns.analog.iter().map(|(channel, name)| (name.clone(), *channel, analog.0, analog.1));

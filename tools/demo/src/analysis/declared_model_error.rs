@@ -77,7 +77,7 @@ pub fn model(samples: &[Sample], rig: &RigFile) -> anyhow::Result<Option<Model>>
     if held {
         parameters.load_handle(hand.inertia).context("declared model")?;
     }
-    let mut plant = parameters.plant(rig.model_effects()?).context("declared model")?;
+    let mut plant = parameters.plant(rig.axis_effects(&rig.axes[0])?).context("declared model")?;
     // Measured positions are the handle's; the plant's master turns as often as the motor.
     let gear = rig.axes[0].master.turns_per_handle_turn;
     plant.rest_at(gear * master_0, Some(slave_0).filter(|slave| slave.is_finite()));

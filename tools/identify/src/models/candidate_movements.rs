@@ -28,6 +28,8 @@ const EASE_S: f64 = 0.2;
 /// The rig's limits and control gains.
 #[derive(Clone, Copy, Debug)]
 pub struct RigCapability {
+    /// The axis.
+    axis: usize,
     /// Range of the handle, and its middle (rad).
     range: (f64, f64),
     /// Highest speed of the handle (rad/s).
@@ -47,13 +49,14 @@ pub struct RigCapability {
 }
 
 impl RigCapability {
-    /// Returns the capability of a rig with one rotary axis; `None` for others, and for models that
-    /// are not transmissions.
-    pub fn of(rig: &RigFile) -> Option<Self> {
-        let [axis] = rig.axes.as_slice() else { return None };
+    /// Returns the capability of a rotary axis of a rig; `None` for others, and for models that are
+    /// not transmissions.
+    pub fn of(rig: &RigFile, number: usize) -> Option<Self> {
+        let axis = rig.axes.get(number)?;
         (axis.unit == AxisUnit::Radian).then_some(())?;
         let limits = axis.limits;
         Some(Self {
+            axis: number,
             range: (limits.position_min, limits.position_max),
             speed_max: limits.speed_max,
             volts_max: axis.control.output_limit_v.min(limits.volts_max),
@@ -62,7 +65,7 @@ impl RigCapability {
             gains: (axis.control.position_gain, axis.control.velocity_gain),
             reversal_speed: axis.control.options.compensation.reversal_speed,
             gear: axis.master.turns_per_handle_turn,
-            model: rig.reflected_dynamics(0)?,
+            model: rig.reflected_dynamics(number)?,
         })
     }
 
@@ -132,6 +135,7 @@ impl RigCapability {
             role: Role::Fit,
             count_rad: [0.0; 2],
             idle: true,
+            others: Vec::new(),
         }
         .thinned()
     }
@@ -155,6 +159,10 @@ impl RigCapability {
         for movement in movements {
             text += &movement.segments(middle);
             text += &hold("settle");
+        }
+        if self.axis > 0 {
+            // Without the key a segment moves axis 0.
+            text = text.replace("[[segments]]", &format!("[[segments]]\naxis = {}", self.axis));
         }
         text.trim_end().to_owned() + "\n"
     }
@@ -333,7 +341,7 @@ mod tests {
     #[test]
     fn every_movement_is_a_protocol_that_the_rig_plays() {
         let rig = rig();
-        let capability = RigCapability::of(&rig).unwrap();
+        let capability = RigCapability::of(&rig, 0).unwrap();
         let all = Movement::all(&capability);
         assert!(all.len() > 15, "{all:?}");
         assert!(!all.contains(&Movement::Sine(60.0, 8.0)), "60° at 8 Hz are beyond any motor");
@@ -349,7 +357,7 @@ mod tests {
     #[test]
     fn references_are_consistent_derivatives_and_the_model_follows() {
         let rig = rig();
-        let capability = RigCapability::of(&rig).unwrap();
+        let capability = RigCapability::of(&rig, 0).unwrap();
         for movement in
             [Movement::Sine(20.0, 1.0), Movement::Triangle(20.0, 60.0), Movement::Steps(10.0)]
         {
@@ -387,6 +395,6 @@ mod tests {
         let emps =
             RigFile::load(concat!(env!("CARGO_MANIFEST_DIR"), "/../../launch/rigs/emps.toml"))
                 .unwrap();
-        assert!(RigCapability::of(&emps).is_none());
+        assert!(RigCapability::of(&emps, 0).is_none());
     }
 }

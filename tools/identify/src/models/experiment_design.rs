@@ -285,7 +285,7 @@ mod tests {
         rival: Option<(&'static str, Site)>,
     ) -> (RigFile, RigCapability, Study<'static>) {
         let rig = rig();
-        let capability = RigCapability::of(&rig).unwrap();
+        let capability = RigCapability::of(&rig, 0).unwrap();
         let empty =
             TransmissionModel::new("rig.toml", &rig.model, Vec::new(), Some(COUNT_RAD)).unwrap();
         let setting = Setting { placed: effect.clone().into_iter().collect(), ..empty.start() };
@@ -340,7 +340,14 @@ mod tests {
         (
             rig,
             capability,
-            Study { model, found, notes: Vec::new(), calibration: None, deadline: &NEVER },
+            Study {
+                model,
+                found,
+                notes: Vec::new(),
+                calibration: None,
+                axis: None,
+                deadline: &NEVER,
+            },
         )
     }
 

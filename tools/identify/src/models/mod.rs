@@ -36,6 +36,7 @@ use crate::deadline::Deadline;
 use crate::error::Result;
 use crate::input::Series;
 use crate::outcome::Outcome;
+use crate::prediction_error::other_axes::OtherAxis;
 use report::Page;
 use rig::{Model as Declared, ModelKind};
 
@@ -58,6 +59,10 @@ pub struct Options<'a> {
     pub gear: f64,
     /// A count of the slave's encoder (rad), where there is one.
     pub slave_count_rad: Option<f64>,
+    /// Name of the axis, where the rig has several.
+    pub axis: Option<&'a str>,
+    /// The other axes at the same handle.
+    pub others: &'a [OtherAxis],
     /// The movements that the rig can play, where it can be simulated.
     pub capability: Option<RigCapability>,
     /// Whether the next experiment is designed by simulation.

@@ -36,7 +36,8 @@ pub(super) struct Content<'a> {
 pub(super) fn page(outcome: &Outcome, content: &Content<'_>) -> Page {
     let (tone, sentence, detail) = sentences(outcome, content.located);
     let names = labels(content.records.iter().copied());
-    let compared = format!("Declared {} compared with {}", content.declared, held(&names));
+    let axis = outcome.axis.as_ref().map_or(String::new(), |axis| format!(" of axis \"{axis}\""));
+    let compared = format!("Declared {}{axis} compared with {}", content.declared, held(&names));
     let errors = if outcome.steps.is_empty() { errors(outcome) } else { steps(outcome) };
     let mut page = Page::new("What the model lacks")
         .subtitle(&compared)

@@ -27,6 +27,9 @@ fn place_unlisted(site: &str) -> String {
 /// finds where an effect acts: it does for transmissions.
 pub(crate) fn sentences(outcome: &Outcome, located: bool) -> (Tone, String, String) {
     let (mut tone, mut sentence) = verdict(outcome, located);
+    if let Some(axis) = &outcome.axis {
+        sentence = format!("Axis \"{axis}\": {}", behind_a_colon(&sentence));
+    }
     if outcome.early {
         tone = Tone::Warning;
         sentence += EARLY;
@@ -73,6 +76,13 @@ pub(crate) fn sentences(outcome: &Outcome, located: bool) -> (Tone, String, Stri
         }
     }
     (tone, sentence, detail)
+}
+
+/// A sentence that continues one.
+fn behind_a_colon(sentence: &str) -> String {
+    let mut letters = sentence.chars();
+    let first = letters.next().map(|letter| letter.to_lowercase().to_string());
+    first.unwrap_or_default() + letters.as_str()
 }
 
 /// Whether an effect passes beside those that are named.

@@ -66,6 +66,7 @@ fn outcome(study: &Study<'_>, tested: &TestedResidual) -> Outcome {
     // The site of an unlisted effect is that of most listed effects of this kind of model.
     let site = regression.sites.first().copied().unwrap_or_default();
     Outcome {
+        axis: None,
         verdict,
         early: study.early,
         effects: found.steps.iter().enumerate().map(|step| effect(study, step)).collect(),

@@ -15,6 +15,7 @@ use crate::error::{IdentifyError, Result};
 use crate::input::Series;
 use crate::naming::recording_of;
 use crate::outcome::Outcome;
+use crate::prediction_error::other_axes::OtherAxis;
 use crate::prediction_error::record::{Record, Uninformative, share_out, uninformative};
 use crate::prediction_error::search::search;
 use crate::prediction_error::transmission_model::TransmissionModel;
@@ -40,7 +41,7 @@ impl Model for Transmission {
     ) -> Result<(Outcome, Page)> {
         let mut notes: Vec<String> =
             records.iter().flat_map(|record| record.notes.iter().cloned()).collect();
-        notes.extend(not_used(records));
+        notes.extend(not_used(records, options.others));
         let mut model = model_of(rig_file, declared, records, &options, &mut notes)?;
         if model.records.iter().all(|record| record.idle) {
             notes.push(
@@ -51,7 +52,8 @@ impl Model for Transmission {
         }
         let deadline = options.deadline;
         let found = search(&mut model, deadline).ok_or_else(|| lost(&model))?;
-        let mut study = Study { model, found, notes, calibration: None, deadline };
+        let axis = options.axis.map(str::to_owned);
+        let mut study = Study { model, found, notes, calibration: None, axis, deadline };
         if let (1.., Some(capability)) = (options.calibrate, &options.capability) {
             calibrate(&mut study, capability.servo_gains(), options.calibrate, options.seed);
         }
@@ -80,13 +82,14 @@ fn model_of(
     let records = cut.as_deref().unwrap_or(records);
     let mut laid_out = records
         .iter()
-        .map(|series| Record::new(series, options.gear, &mut cutting))
+        .map(|series| Record::new(series, options.gear, options.others, &mut cutting))
         .collect::<Result<Vec<_>>>()?;
     if let Some(cut) = &cut {
         hand_throughout(&mut laid_out, cut);
     }
     share_out(&mut laid_out, records.iter().all(|record| record.role.is_some()));
     let model = TransmissionModel::new(rig_file, declared, laid_out, options.slave_count_rad)?;
+    let (model, not_recorded) = model.with_other_axes(options.others);
     for role in [Role::Fit, Role::Select, Role::Report] {
         if model.of_role(role).is_empty() {
             return Err(beside_left_out(IdentifyError::Unusable(format!(
@@ -98,6 +101,7 @@ fn model_of(
     }
     notes.extend(left_out);
     notes.append(&mut cutting);
+    notes.extend(not_recorded);
     Ok(model)
 }
 
@@ -135,12 +139,15 @@ fn hand_throughout(records: &mut [Record], segments: &[Series]) {
 const USED: [&str; 5] = ["t_s", "motor_v", "master_rad", "slave_rad", "slave_torque_nm"];
 
 /// Notes columns that are not used.
-fn not_used(records: &[Series]) -> Option<String> {
+fn not_used(records: &[Series], others: &[OtherAxis]) -> Option<String> {
+    // Of another axis only the slave acts on this one; that the others are not used needs no note.
+    let of_other = |name: &str| others.iter().any(|other| other.has(name));
+    let is_used = |name: &str| USED.contains(&name) || of_other(name);
     let mut names: Vec<&str> = records
         .iter()
         .flat_map(|record| &record.columns)
         .map(|(name, _)| name.as_str())
-        .filter(|name| !USED.contains(name))
+        .filter(|name| !is_used(name))
         .collect();
     names.sort_unstable();
     names.dedup();
@@ -191,7 +198,7 @@ mod tests {
         });
         let mut records: Vec<Record> = segments
             .iter()
-            .filter_map(|series| Record::new(series, 1.0, &mut Vec::new()).ok())
+            .filter_map(|series| Record::new(series, 1.0, &[], &mut Vec::new()).ok())
             .collect();
         let idle =
             |records: &[Record]| records.iter().map(|record| record.idle).collect::<Vec<bool>>();
@@ -221,6 +228,8 @@ mod tests {
             seed: 1,
             gear: 1.0,
             slave_count_rad: None,
+            axis: None,
+            others: &[],
             capability: None,
             propose: false,
             calibrate: 0,
@@ -284,8 +293,8 @@ mod tests {
             series(&["t_s", "temperature_c", "motor_v"]),
             series(&["temperature_c", "hose_pressure_pa"]),
         ];
-        let told = not_used(&all).unwrap_or_default();
+        let told = not_used(&all, &[]).unwrap_or_default();
         assert!(told.starts_with("hose_pressure_pa, temperature_c are recorded"), "{told}");
-        assert_eq!(not_used(&[series(&USED)]), None);
+        assert_eq!(not_used(&[series(&USED)], &[]), None);
     }
 }

@@ -94,6 +94,7 @@ fn outcome(study: &Study<'_>) -> Option<Outcome> {
         with_deviation.iter().map(|(own, _)| correlated_name(study, own)).collect();
     let (error, parameters) = (error(study)?, parameters(study, &with_deviation));
     Some(Outcome {
+        axis: study.axis.clone(),
         unsettled: None,
         verdict,
         early: false,

@@ -15,6 +15,8 @@ pub(super) struct Study<'a> {
     pub(super) notes: Vec<String>,
     /// Result of the parametric bootstrap, if requested.
     pub(super) calibration: Option<Calibration>,
+    /// Name of the axis, where the rig has several.
+    pub(super) axis: Option<String>,
     /// When nothing more is begun.
     pub(super) deadline: &'a Deadline,
 }

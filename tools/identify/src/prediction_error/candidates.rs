@@ -83,6 +83,7 @@ mod tests {
             torque: true,
             hand: true,
             slave: true,
+            other_axes: vec![1, 2],
             ..RecordFeatures::default()
         }
     }

@@ -32,6 +32,10 @@
 //! - [`residual_regression`]: on which recorded signals an unmodelled torque depends that is no
 //!   function of one variable;
 //! - [`recorded_signals`]: those signals;
+//! - [`other_axes`]: the torque of the other axes at the same handle;
+//! - [`other_axes`]: the other axes at the same handle, and their accelerations;
+//! - `handle_coupling`: what these do to the axis identified;
+//! - `motion`: a recorded position and its derivatives;
 //! - [`step_refinement`]: whether an effect survives finer steps of the simulation;
 //! - [`rectified_torque`]: the sign of a torque whose sensor shows magnitudes only;
 //! - [`sensor_correction`]: correction of the torque sensor's errors and of late readings;
@@ -50,13 +54,16 @@ pub mod fit;
 mod fit_problem;
 pub mod free_parameter;
 mod growing_basis;
+mod handle_coupling;
 pub mod identifiability;
 pub mod known_columns;
 pub mod localisation;
 pub mod location;
+mod motion;
 pub mod noise_floor;
 pub mod nonparametric;
 pub mod nonparametric_search;
+pub mod other_axes;
 mod other_first_effects;
 pub mod parametric_bootstrap;
 pub mod probe_torque;

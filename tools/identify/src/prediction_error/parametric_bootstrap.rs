@@ -262,7 +262,8 @@ impl NullModel<'_> {
         sizes: DisturbanceGains,
         noises: &[Vec<f64>; 3],
     ) -> Option<Record> {
-        let EffectGroups { mut in_plant, mut on_torque, late, late_s } = self.setting.parts()?;
+        let EffectGroups { mut in_plant, mut on_torque, late, late_s, handle_coupling_kg_m2 } =
+            self.setting.parts()?;
         in_plant.extend(late);
         let mut plant = self
             .model
@@ -276,7 +277,10 @@ impl NullModel<'_> {
         plant.set_time(measured.start_s);
         let (late_hand, _) = hand_torque(measured, &mut on_torque, &[]);
         let late = late_s / dt;
-        let hand = advanced(&late_hand, late);
+        let mut on_slave = late_hand.clone();
+        let products = &handle_coupling_kg_m2;
+        self.model.add_coupling(&self.setting, products, &measured.others, &mut on_slave);
+        let on_slave = advanced(&on_slave, late);
         let counted = |position: f64, side: usize| {
             let count = measured.count_rad[side];
             if self.rounded[side] && count > 0.0 {
@@ -308,7 +312,7 @@ impl NullModel<'_> {
             plant.step(
                 Input {
                     motor_v: new.volts[row] + sizes[0] * noises[0][row],
-                    hand_torque_nm: hand[row] + sizes[1] * noises[1][row],
+                    hand_torque_nm: on_slave[row] + sizes[1] * noises[1][row],
                 },
                 dt,
             );

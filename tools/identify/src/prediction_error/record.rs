@@ -1,5 +1,6 @@
 //! Measured records of a transmission, checked and resampled.
 
+use super::other_axes::{OtherAcceleration, OtherAxis, accelerations};
 use crate::equation_error::block_roles::Role;
 use crate::error::{IdentifyError, Result};
 use crate::input::Series;
@@ -29,6 +30,8 @@ pub struct Record {
     pub count_rad: [f64; 2],
     /// Whether nobody was at the handle: the torque channel shows sensor errors only.
     pub idle: bool,
+    /// Accelerations of the other axes at the same handle, where they were recorded.
+    pub others: Vec<OtherAcceleration>,
 }
 
 /// Approximate rate of residual rows (Hz), to which innovations are averaged.
@@ -54,12 +57,17 @@ const HIGH_V: f64 = 200.0;
 
 impl Record {
     /// Checks the columns of a record and resamples them; `gear` is the number of turns of the
-    /// model's master per turn of the measured one.
+    /// model's master per turn of the measured one, `others` are the other axes at the same handle.
     ///
     /// # Errors
     /// If a column is missing, constant, not finite or implausible by orders of magnitude, or time
     /// is not uniform.
-    pub fn new(series: &Series, gear: f64, notes: &mut Vec<String>) -> Result<Self> {
+    pub fn new(
+        series: &Series,
+        gear: f64,
+        others: &[OtherAxis],
+        notes: &mut Vec<String>,
+    ) -> Result<Self> {
         let time = series.time()?;
         let (_, volts) = series.any(&["motor_v"])?;
         let (_, master) = series.any(&["master_rad"])?;
@@ -73,6 +81,9 @@ impl Record {
             if column.is_some() {
                 series.finite(name)?;
             }
+        }
+        for other in others {
+            series.finite(&other.column())?;
         }
         let step_s = (time[time.len() - 1] - time[0]) / (time.len() - 1) as f64;
         if (time.len() as f64) * step_s < SHORTEST_S {
@@ -95,6 +106,7 @@ impl Record {
             role: series.role.unwrap_or(Role::Fit),
             count_rad: [gear * least_change(master), slave.map_or(0.0, least_change)],
             idle,
+            others: accelerations(series, step_s, others),
         };
         Ok(whole.thinned())
     }
@@ -104,8 +116,8 @@ impl Record {
         self.start_s + self.volts.len() as f64 * self.step_s
     }
 
-    /// Decimates to the simulation's row interval: voltage and torque, which are held between rows,
-    /// by their means; positions by a centred average.
+    /// Decimates to the simulation's row interval: voltage, torque and the accelerations of other
+    /// axes, which are held between rows, by their means; positions by a centred average.
     #[must_use]
     pub fn thinned(self) -> Self {
         let every = (PACE_S / self.step_s * (1.0 + 1e-6)) as usize;
@@ -128,12 +140,17 @@ impl Record {
                 })
                 .collect()
         };
+        let others = self
+            .others
+            .iter()
+            .map(|other| OtherAcceleration { rad_s2: held(&other.rad_s2), ..other.clone() });
         Self {
             step_s: self.step_s * every as f64,
             volts: held(&self.volts),
             master: about(&self.master),
             slave: self.slave.as_deref().map(about),
             torque: self.torque.as_deref().map(held),
+            others: others.collect(),
             ..self
         }
     }
@@ -366,7 +383,7 @@ mod tests {
     #[test]
     fn an_idle_handle_is_detected_despite_offset_drift_crosstalk_and_hum() {
         let idle = |torque: &dyn Fn(f64) -> f64| {
-            Record::new(&series(torque), 1.0, &mut Vec::new()).unwrap().idle
+            Record::new(&series(torque), 1.0, &[], &mut Vec::new()).unwrap().idle
         };
         assert!(idle(&|_| 0.0));
         assert!(idle(&|t| 0.3 + 0.05 * t + 0.06 * (5.0 * t).sin() + 0.1 * (314.159 * t).sin()));
@@ -378,7 +395,7 @@ mod tests {
         let refused = |edit: &dyn Fn(&mut Series)| {
             let mut series = series(|_| 0.0);
             edit(&mut series);
-            Record::new(&series, 1.0, &mut Vec::new()).unwrap_err().to_string()
+            Record::new(&series, 1.0, &[], &mut Vec::new()).unwrap_err().to_string()
         };
         let text = refused(&|series| series.columns[1].1.iter_mut().for_each(|value| *value = 0.1));
         assert!(text.contains("master_rad") && text.contains("never moved"), "{text}");
@@ -394,7 +411,7 @@ mod tests {
 
     #[test]
     fn rows_are_averaged_and_timed_alike() {
-        let record = Record::new(&series(|_| 0.0), 2.0, &mut Vec::new()).unwrap();
+        let record = Record::new(&series(|_| 0.0), 2.0, &[], &mut Vec::new()).unwrap();
         assert_eq!((record.decimation(), record.step_s), (2, 2e-3));
         let times = record.residual_times();
         assert_eq!(times.len(), record.residual_rows());

@@ -42,6 +42,7 @@ pub fn record_features(dataset: &Dataset<'_>, fitted: &Fitted) -> RecordFeatures
         hand: model.records.iter().any(|record| !record.idle),
         rectified: model.records.iter().any(|record| record.sign_flipped.contains(&true)),
         slave: records.iter().all(|record| record.slave.is_some()),
+        other_axes: model.others.iter().map(|other| other.index).collect(),
     }
 }
 

@@ -2,10 +2,9 @@
 
 use plant::effects::Site;
 
+use super::motion::Motion;
 use super::record::{Record, rms};
 
-/// Half the span of the local parabola that smooths a position and gives its derivatives (s).
-const REACH_S: f64 = 0.02;
 /// Speed within which the direction of motion passes through zero (rad/s).
 const SLOW_RAD_S: f64 = 0.2;
 /// The same for the direction in which another signal changes, relative to its rms rate.
@@ -31,53 +30,6 @@ pub enum Signal {
     Rest,
     /// Time (s).
     Time,
-}
-
-/// A smoothed column and its first two derivatives.
-struct Motion {
-    position: Vec<f64>,
-    velocity: Vec<f64>,
-    acceleration: Vec<f64>,
-}
-
-impl Motion {
-    /// From the least-squares parabola within [`REACH_S`] of each row; beyond its ends the column
-    /// is constant.
-    fn of(column: &[f64], step_s: f64) -> Self {
-        let reach = ((REACH_S / step_s).round() as isize).max(1);
-        let count = (2 * reach + 1) as f64;
-        let squares = (-reach..=reach).map(|off| (off * off) as f64);
-        let square: f64 = squares.clone().sum();
-        let mean = square / count;
-        let spread: f64 = squares.map(|square| (square - mean).powi(2)).sum();
-        let last = column.len() as isize - 1;
-        let at = |row: isize| column[row.clamp(0, last) as usize];
-        let mut motion =
-            Self { position: Vec::new(), velocity: Vec::new(), acceleration: Vec::new() };
-        for row in 0..=last {
-            let (mut sum, mut slope, mut bend) = (0.0, 0.0, 0.0);
-            for off in -reach..=reach {
-                let (value, off) = (at(row + off) - at(row), off as f64);
-                sum += value;
-                slope += off * value;
-                bend += (off * off - mean) * value;
-            }
-            let bend = bend / spread;
-            motion.position.push(at(row) + sum / count - bend * mean);
-            motion.velocity.push(slope / square / step_s);
-            motion.acceleration.push(2.0 * bend / (step_s * step_s));
-        }
-        motion
-    }
-
-    fn mean(&self, other: &Self) -> Self {
-        let mean = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| 0.5 * (a + b)).collect();
-        Self {
-            position: mean(&self.position, &other.position),
-            velocity: mean(&self.velocity, &other.velocity),
-            acceleration: mean(&self.acceleration, &other.acceleration),
-        }
-    }
 }
 
 /// The sign of a value, with a smooth passage through zero.
@@ -216,6 +168,7 @@ mod tests {
             role: Role::Fit,
             count_rad: [1e-3; 2],
             idle: false,
+            others: Vec::new(),
         }
     }
 

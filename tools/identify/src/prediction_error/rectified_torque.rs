@@ -115,6 +115,7 @@ mod tests {
             role: Role::Fit,
             count_rad: [1e-3; 2],
             idle: false,
+            others: Vec::new(),
         }
     }
 

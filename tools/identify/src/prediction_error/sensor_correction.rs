@@ -166,6 +166,7 @@ mod tests {
             role: Role::Fit,
             count_rad: [1e-3; 2],
             idle,
+            others: Vec::new(),
         }
     }
 

@@ -1,11 +1,13 @@
 //! The declared transmission model with its tolerances, and its innovations along a record.
 
+use plant::coupled_axes::AXES;
 use plant::effects::{self, Effect, Moment, Site};
 use plant::transmission::{Correction, Input, Reading, Transmission as _};
 use plant::transmission_kinds;
 use rig::Model as Declared;
 
 use super::nonparametric::PiecewiseLinear;
+use super::other_axes::OtherAxis;
 use super::record::Record;
 use super::sensor_correction::{advanced, hand_torque};
 use crate::equation_error::block_roles::Role;
@@ -55,7 +57,7 @@ pub struct BaseParameter {
 
 impl BaseParameter {
     /// A parameter that is only estimated, from 0 on, within a range.
-    fn estimated(name: &str, unit: &'static str, (low, high): (f64, f64)) -> Self {
+    pub(super) fn estimated(name: &str, unit: &'static str, (low, high): (f64, f64)) -> Self {
         let name = name.to_owned();
         Self { name, unit, declared: None, start: 0.0, low, high, logarithmic: false }
     }
@@ -127,6 +129,8 @@ pub struct EffectGroups {
     pub late: Vec<Box<dyn Effect>>,
     /// Sum of those dead times (s).
     pub late_s: f64,
+    /// Products of inertia with the other axes at the handle, by axis (kg·m²).
+    pub handle_coupling_kg_m2: [f64; AXES],
 }
 
 impl Setting {
@@ -143,6 +147,8 @@ impl Setting {
         let mut parts = EffectGroups::default();
         for placed in &self.placed {
             let effect = placed.effect()?;
+            let products = parts.handle_coupling_kg_m2.iter_mut();
+            products.zip(effect.handle_coupling_kg_m2()).for_each(|(sum, own)| *sum += own);
             let of = if let Some(delay_s) = effect.delay_of_all_readings_s() {
                 parts.late_s += delay_s;
                 &mut parts.late
@@ -173,6 +179,8 @@ pub struct TransmissionModel {
     pub base: Vec<BaseParameter>,
     /// The records.
     pub records: Vec<Record>,
+    /// The other axes at the handle whose motion every record has.
+    pub others: Vec<OtherAxis>,
     /// Least number of simulation steps per row of a record.
     pub steps: u32,
 }
@@ -232,7 +240,7 @@ impl TransmissionModel {
         {
             base.push(BaseParameter::estimated(SLAVE_ZERO, "rad", (-count, count)));
         }
-        Ok(Self { declared: constants, base, records, steps: 1 })
+        Ok(Self { declared: constants, base, records, others: Vec::new(), steps: 1 })
     }
 
     /// Returns the starting point of fits.
@@ -310,7 +318,7 @@ impl TransmissionModel {
             .base
             .iter()
             .zip(&setting.base)
-            .filter(|(parameter, _)| parameter.name != SLAVE_ZERO)
+            .filter(|(own, _)| own.name != SLAVE_ZERO && !Self::is_handle_coupling(own))
         {
             constants.set(&parameter.name, *value).ok()?;
         }
@@ -331,7 +339,8 @@ impl TransmissionModel {
         beside: Vec<Box<dyn Effect>>,
     ) -> Option<Residual> {
         let record = &self.records[record];
-        let EffectGroups { mut in_plant, mut on_torque, late_s, .. } = setting.parts()?;
+        let EffectGroups { mut in_plant, mut on_torque, late_s, handle_coupling_kg_m2, .. } =
+            setting.parts()?;
         let tables = setting.tables.iter().filter(|table| table.site != Site::Sensor);
         in_plant.extend(tables.map(|table| Box::new(table.clone()) as Box<dyn Effect>));
         in_plant.extend(beside);
@@ -351,7 +360,8 @@ impl TransmissionModel {
         plant.rest_at(master[0], slave.map(|slave| slave[0] - zero));
         plant.set_time(record.start_s);
 
-        let (hand, torque) = hand_torque(record, &mut on_torque, &setting.tables);
+        let (mut hand, torque) = hand_torque(record, &mut on_torque, &setting.tables);
+        self.add_coupling(setting, &handle_coupling_kg_m2, &record.others, &mut hand);
         let hand = advanced(&hand, late);
         let dt = record.step_s;
         let (on_position, on_speed) =
@@ -426,8 +436,12 @@ pub fn acts_on_torque_alone(effect: &dyn Effect) -> bool {
 impl PlacedEffect {
     /// Instantiates the effect.
     pub fn effect(&self) -> Option<Box<dyn Effect>> {
-        let (_, size) = self.values.first()?;
-        let mut effect = effects::make(self.id, self.site, *size).ok()?;
+        let (name, size) = self.values.first()?;
+        // An effect of several alike parameters, as a coupling with several axes, may be without
+        // the first.
+        let is_size = effects::entry(self.id)?.parameters.first()?.name == *name;
+        let size = if is_size { *size } else { 0.0 };
+        let mut effect = effects::make(self.id, self.site, size).ok()?;
         for (name, value) in &self.values {
             effect.set(name, *value).ok()?;
         }

@@ -55,6 +55,8 @@ pub(crate) fn run_until(
         seed: 1,
         gear: 1.0,
         slave_count_rad: None,
+        axis: None,
+        others: &[],
         capability: None,
         propose: false,
         calibrate: 0,

@@ -85,5 +85,5 @@ pub(crate) fn record(
     let columns = names.into_iter().map(str::to_owned).zip(columns).collect();
     let series =
         Series { file: format!("record-{turn}.csv"), columns, role: None, notes: Vec::new() };
-    Record::new(&series, 1.0, &mut Vec::new()).unwrap()
+    Record::new(&series, 1.0, &[], &mut Vec::new()).unwrap()
 }

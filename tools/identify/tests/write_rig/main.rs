@@ -16,9 +16,11 @@ use plant::transmission_kinds::Parameters;
 use rig::{ParameterSource, RigFile};
 
 mod one_channel;
+mod several_axes;
 mod transmission;
 
 const RIG: &str = include_str!("../../../../launch/rigs/hydrostatic.toml");
+const TWO_AXES: &str = include_str!("../../../../launch/rigs/two-axis.toml");
 const DRIVE: &str = include_str!("../../../../launch/rigs/emps.toml");
 const ELEMENT: &str = include_str!("../../../../launch/rigs/element.toml");
 const OSCILLATOR: &str = include_str!("../../../../launch/rigs/silverbox.toml");
@@ -95,6 +97,7 @@ fn outcome(
     effects: Vec<FoundEffect>,
 ) -> Outcome {
     Outcome {
+        axis: None,
         unsettled: None,
         verdict,
         early: false,
