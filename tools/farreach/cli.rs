@@ -49,7 +49,7 @@ enum Command {
     #[command(flatten)]
     Operator(operator::command::Command),
     /// Compares the declared model with measured records and names the effects that it lacks
-    Identify(identify::Args),
+    Identify(Box<identify::Args>),
     /// Redraws the thesis's figures from the models, beside the published values
     Figures(figures::Args),
     /// Starts and stops recordings, inspects, verifies, repairs and exports them
@@ -94,7 +94,7 @@ pub(crate) fn run(cli: Cli) -> anyhow::Result<i32> {
         Command::Operator(command) => operator::command::run(command, &cli.rig_name),
         Command::Identify(arguments) => {
             die_on_closed_pipe();
-            identify::run(arguments)
+            identify::run(*arguments)
         }
         Command::Figures(arguments) => {
             die_on_closed_pipe();
