@@ -103,7 +103,10 @@ fn said(rig: &RigFile, axis: usize, records: &[Series]) -> Outcome {
         })
         .collect();
     let how = StudyOptions { axis, ..StudyOptions::default() };
-    let outcome = study(rig, &records, how).unwrap().outcome;
+    let studied = study(rig, &records, how).unwrap();
+    let begins = format!("Axis \"{}\": ", rig.axes[axis].name);
+    assert!(studied.sentence.starts_with(&begins), "{}", studied.sentence);
+    let outcome = studied.outcome;
     println!(
         "axis {axis}: {:?} {:?} {:?}, {:.1} s",
         outcome.verdict, outcome.effects, outcome.error, outcome.seconds

@@ -355,6 +355,21 @@ mod tests {
     }
 
     #[test]
+    fn a_protocol_moves_the_axis_that_is_identified() {
+        let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../launch/rigs/two-axis.toml");
+        let rig = RigFile::load(path).unwrap();
+        let movements = [Movement::Sine(20.0, 1.0), Movement::Triangle(20.0, 60.0)];
+        for axis in [0, 1] {
+            let capability = RigCapability::of(&rig, axis).unwrap();
+            let text = capability.protocol("trial", "two movements", &movements);
+            let protocol = Protocol::parse(&text, "trial.toml").unwrap();
+            protocol.check_against(&rig).unwrap_or_else(|error| panic!("{error}\n{text}"));
+            assert!(protocol.segments.iter().all(|segment| segment.axis == axis), "{text}");
+        }
+        assert!(RigCapability::of(&rig, 2).is_none());
+    }
+
+    #[test]
     fn references_are_consistent_derivatives_and_the_model_follows() {
         let rig = rig();
         let capability = RigCapability::of(&rig, 0).unwrap();
