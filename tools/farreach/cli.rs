@@ -94,7 +94,7 @@ pub(crate) fn run(cli: Cli) -> anyhow::Result<i32> {
         Command::Operator(command) => operator::command::run(command, &cli.rig_name),
         Command::Identify(arguments) => {
             die_on_closed_pipe();
-            identify::run(*arguments)
+            identify::run(*arguments, &logger::revision())
         }
         Command::Figures(arguments) => {
             die_on_closed_pipe();

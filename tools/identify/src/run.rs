@@ -25,11 +25,12 @@ const TICK: std::time::Duration = std::time::Duration::from_millis(120);
 
 /// Runs the command: prints the verdict, writes what was asked for. 0 when done whatever the
 /// verdict, 1 when the data or the rig file cannot be used, 2 when the command line cannot (the
-/// reason goes to stderr, and into the JSON file).
+/// reason goes to stderr, and into the JSON file). `revision` is that of the program, for a rig file
+/// that is written.
 ///
 /// # Errors
 /// Where the page or the JSON file cannot be written.
-pub fn run(args: Args) -> anyhow::Result<i32> {
+pub fn run(args: Args, revision: &str) -> anyhow::Result<i32> {
     let asked =
         [("--write-rig", &args.write_rig), ("--propose-experiment", &args.propose_experiment)];
     let taken = asked
@@ -79,7 +80,8 @@ pub fn run(args: Args) -> anyhow::Result<i32> {
     }
     let mut code = 0;
     if let Some(path) = &args.write_rig {
-        match write_rig(path, &rig, &outcome, &mut told) {
+        let provenance = Provenance { date: today(), revision: revision.to_owned() };
+        match write_rig(path, &rig, (&outcome, &provenance), &mut told) {
             Ok(wrote) => code = wrote,
             Err(error) => failed = failed.or(Some(error)),
         }
@@ -169,11 +171,10 @@ fn propose(
 fn write_rig(
     path: &Path,
     rig: &RigFile,
-    outcome: &Outcome,
+    (outcome, provenance): (&Outcome, &Provenance),
     told: &mut Vec<String>,
 ) -> anyhow::Result<i32> {
-    let provenance = Provenance { date: today(), revision: revision() };
-    let written = match fitted(rig.text(), rig.file_name(), outcome, &provenance) {
+    let written = match fitted(rig.text(), rig.file_name(), outcome, provenance) {
         Ok(written) => written,
         Err(error) => {
             eprintln!("error: --write-rig: {error}");
@@ -192,12 +193,6 @@ fn write_rig(
 fn today() -> String {
     let now = humantime::format_rfc3339_seconds(std::time::SystemTime::now()).to_string();
     now.split('T').next().unwrap_or_default().to_owned()
-}
-
-/// Revision of this program: from the environment at run time or at build time, else its version.
-fn revision() -> String {
-    let built = option_env!("FARREACH_REVISION").unwrap_or(env!("CARGO_PKG_VERSION"));
-    std::env::var("FARREACH_REVISION").unwrap_or_else(|_| built.to_owned())
 }
 
 /// Writes a new file completely or not at all; an existing one is an error.
@@ -348,7 +343,7 @@ mod tests {
         let emps = || PathBuf::from("emps");
         let refused = |args: Args| {
             let args = Args { json: Some(json.clone()), ..args };
-            let code = run(args).unwrap();
+            let code = run(args, "1a2b3c4").unwrap();
             let text = std::fs::read_to_string(&json).unwrap();
             let said: serde_json::Value = serde_json::from_str(&text).unwrap();
             assert!(said["verdict"].is_null(), "{text}");
