@@ -25,8 +25,8 @@ const TICK: std::time::Duration = std::time::Duration::from_millis(120);
 
 /// Runs the command: prints the verdict, writes what was asked for. 0 when done whatever the
 /// verdict, 1 when the data or the rig file cannot be used, 2 when the command line cannot (the
-/// reason goes to stderr, and into the JSON file). `revision` is that of the program, for a rig file
-/// that is written.
+/// reason goes to stderr, and into the JSON file). A rig file that is written names `revision`,
+/// that of the program.
 ///
 /// # Errors
 /// Where the page or the JSON file cannot be written.
