@@ -30,6 +30,7 @@
 //! ```
 
 use crate::friction::{Advance, Load, advance};
+use crate::handle_inertia::PAIRS;
 pub use crate::handle_inertia::{AXES, CouplingError, HandleCoupling, LEAST_EIGENVALUE};
 use crate::transmission::{EnergyBalance, Input, Motion, Reading, Transmission, sub_steps};
 use crate::transmission_kinds;
@@ -73,7 +74,9 @@ impl Plant {
                 return Err(CouplingError::Alone);
             }
             let others = others.into_iter().enumerate().take(axes.len());
-            others.for_each(|(other, product)| coupling.add((at, other), product));
+            others.for_each(|(other, product)| {
+                coupling.set((at, other), coupling.between(at, other) + product);
+            });
         }
         let least = coupling.check(&inertia[..axes.len()])?;
         let longest = axes
@@ -189,8 +192,7 @@ impl Plant {
     /// Kinetic energy that the coupling adds to that of the axes (J); may be negative.
     fn coupled_j(&self) -> f64 {
         let speed = |axis: usize| self.motion(axis).slave_velocity_rad_s;
-        let pairs = [(0, 1), (0, 2), (1, 2)];
-        pairs
+        PAIRS
             .iter()
             .map(|&(row, column)| self.coupling.between(row, column) * speed(row) * speed(column))
             .sum()

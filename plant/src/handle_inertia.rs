@@ -9,6 +9,9 @@ pub const AXES: usize = 3;
 /// With two axes: `|C| ≤ 0.8 √(I₁ I₂)`.
 pub const LEAST_EIGENVALUE: f64 = 0.2;
 
+/// The pairs of axes, in the order in which rig files and [`HandleCoupling::of_pairs`] have them.
+pub(crate) const PAIRS: [(usize, usize); 3] = [(0, 1), (0, 2), (1, 2)];
+
 /// Why transmissions cannot share a handle.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum CouplingError {
@@ -75,12 +78,17 @@ impl HandleCoupling {
         if !pairs.is_empty() && pairs.len() != expected {
             return Err(CouplingError::Pairs { axes, expected, found: pairs.len() });
         }
-        let mut matrix = Matrix3::zeros();
-        for (&coupling, (row, column)) in pairs.iter().zip([(0, 1), (0, 2), (1, 2)]) {
-            matrix[(row, column)] = coupling;
-            matrix[(column, row)] = coupling;
+        let mut coupling = Self::none();
+        for (&product, pair) in pairs.iter().zip(PAIRS) {
+            coupling.set(pair, product);
         }
-        Ok(Self(matrix))
+        Ok(coupling)
+    }
+
+    /// One number per pair of so many axes, as [`HandleCoupling::of_pairs`] takes them (kg·m²).
+    pub fn pairs(&self, axes: usize) -> Vec<f64> {
+        let pairs = PAIRS.into_iter().filter(|&(_, column)| column < axes);
+        pairs.map(|(row, column)| self.between(row, column)).collect()
     }
 
     /// The product of inertia between two axes (kg·m²); 0 where there are no such axes.
@@ -88,11 +96,12 @@ impl HandleCoupling {
         self.0.get((row, column)).copied().unwrap_or_default()
     }
 
-    /// Adds a product of inertia between two axes (kg·m²); nothing where they are one axis.
-    pub(crate) fn add(&mut self, (row, column): (usize, usize), product: f64) {
-        if row != column {
-            self.0[(row, column)] += product;
-            self.0[(column, row)] += product;
+    /// Sets the product of inertia between two axes (kg·m²); nothing where they are one axis, or
+    /// there is no such axis.
+    pub fn set(&mut self, (row, column): (usize, usize), product: f64) {
+        if row != column && row.max(column) < AXES {
+            self.0[(row, column)] = product;
+            self.0[(column, row)] = product;
         }
     }
 

@@ -40,9 +40,6 @@ impl ParameterSource {
     ];
 }
 
-/// Tolerance of a parameter that declares none (fraction of the value).
-const TOLERANCE: f64 = 0.25;
-
 const KEYS: Keys = &[
     ("value", "Nominal value, in the parameter's unit (SI)."),
     ("tolerance", "Tolerance as a fraction of the value."),
@@ -51,6 +48,9 @@ const KEYS: Keys = &[
 ];
 
 impl Parameter {
+    /// Tolerance of a parameter that declares none (fraction of the value).
+    pub const DEFAULT_TOLERANCE: f64 = 0.25;
+
     /// Half-width of the interval in which the value is believed to lie (SI); its lower end may lie
     /// below the least value of the parameter, where the interval then begins.
     pub fn spread(&self) -> f64 {
@@ -66,7 +66,7 @@ impl Parameter {
         let any = bounds(f64::MIN, f64::MAX, "");
         let assumed = ParameterSource::Assumed;
         if !table.holds_section(&name) {
-            let (value, tolerance) = (table.number(&name, any), TOLERANCE);
+            let (value, tolerance) = (table.number(&name, any), Self::DEFAULT_TOLERANCE);
             return Self { name, value, tolerance, tolerance_absolute: None, source: assumed };
         }
         let section = table.section(&name);
@@ -77,7 +77,7 @@ impl Parameter {
         let parameter = Self {
             name,
             value: section.number("value", any),
-            tolerance: section.number_or("tolerance", TOLERANCE, fraction),
+            tolerance: section.number_or("tolerance", Self::DEFAULT_TOLERANCE, fraction),
             tolerance_absolute: section.number_or_none("tolerance_absolute", absolute),
             source: section.word_or("source", ParameterSource::WORDS, assumed),
         };

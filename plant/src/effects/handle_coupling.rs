@@ -26,12 +26,12 @@ effect! {
     }
     search {
         space: |of| {
-            let others = || of.features.other_axes.iter().filter_map(|axis| NAMES.get(*axis));
+            let others = || of.features.other_axes.iter().filter_map(|axis| with_axis(*axis));
             let free: Vec<_> = others().map(|name| of.either(name, 20.0)).collect();
             let starts = others().flat_map(|name| {
                 [1.0, 4.0].map(|factor| {
-                    let rest = others().filter(|other| *other != name).map(|other| (*other, 0.0));
-                    std::iter::once((*name, factor * of.size)).chain(rest).collect()
+                    let rest = others().filter(|other| *other != name).map(|other| (other, 0.0));
+                    std::iter::once((name, factor * of.size)).chain(rest).collect()
                 })
             });
             of.space(free, starts.collect()).signed()
@@ -39,8 +39,10 @@ effect! {
     }
 }
 
-/// Names of the products, by axis.
-pub const NAMES: [&str; AXES] = ["with_axis_0", "with_axis_1", "with_axis_2"];
+/// Name of the product of inertia with an axis.
+pub fn with_axis(axis: usize) -> Option<&'static str> {
+    HandleCouplingBeyond::NAMES.get(axis).map(|info| info.name)
+}
 
 impl Effect for HandleCouplingBeyond {
     fn handle_coupling_kg_m2(&self) -> [f64; AXES] {

@@ -67,8 +67,8 @@ impl Default for StudyOptions {
 pub fn study(rig: &RigFile, records: &[Series], how: StudyOptions) -> Result<Identification> {
     let started = std::time::Instant::now();
     let axis = rig.axes.get(how.axis);
-    let several = axis.filter(|_| rig.axes.len() > 1).map(|axis| axis.name.clone());
-    let file = match &several {
+    let several = axis.filter(|_| rig.axes.len() > 1).map(|axis| axis.name.as_str());
+    let file = match several {
         Some(name) => format!("{}, axis \"{name}\"", rig.file_name()),
         None => rig.file_name().to_owned(),
     };
@@ -94,7 +94,7 @@ pub fn study(rig: &RigFile, records: &[Series], how: StudyOptions) -> Result<Ide
         seed: how.seed,
         gear,
         slave_count_rad,
-        axis: several.as_deref(),
+        axis: several,
         others: &others,
         capability,
         propose: how.propose,
@@ -127,10 +127,10 @@ pub fn study(rig: &RigFile, records: &[Series], how: StudyOptions) -> Result<Ide
 }
 
 /// Refuses mappings to columns that the model does not have: they would leave out the intended one.
-fn check_mapping(rig: &RigFile, axis: usize, mapping: &[Mapping]) -> Result<()> {
+fn check_mapping(rig: &RigFile, others: &[OtherAxis], mapping: &[Mapping]) -> Result<()> {
     let model = of_kind(rig.model.kind);
     let mut columns: Vec<String> = model.columns().iter().map(|&name| name.to_owned()).collect();
-    columns.extend(OtherAxis::beside(rig, axis).iter().map(OtherAxis::column));
+    columns.extend(others.iter().map(OtherAxis::column));
     let unknown = mapping.iter().find(|own| !columns.contains(&own.column));
     unknown.map_or(Ok(()), |own| {
         Err(IdentifyError::Usage(format!(
@@ -222,7 +222,8 @@ pub fn read_mapped(
         (false, AxisUnit::Radian) => ColumnNames::one_mass_rotary(),
         (false, AxisUnit::Metre) => ColumnNames::one_mass_linear(),
     };
-    check_mapping(rig, axis, &options.mapping)?;
+    let others = OtherAxis::beside(rig, axis);
+    check_mapping(rig, &others, &options.mapping)?;
     let file = path.display().to_string();
     let mcap = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("mcap"));
     if mcap {
@@ -231,8 +232,8 @@ pub fn read_mapped(
     let read = match (mcap, options.mapping.is_empty()) {
         (false, _) => record::from_csv(path, options),
         (true, true) => {
-            let others = OtherAxis::beside(rig, axis).into_iter();
-            let others = others.map(|other| (other.index, ColumnNames::slave_only(other.column())));
+            let slave = |other: &OtherAxis| (other.index, ColumnNames::slave_only(other.column()));
+            let others = others.iter().map(slave);
             let columns =
                 SampleColumns { axis, others: others.collect(), ..SampleColumns::new(names) };
             record::from_mcap(path, &columns, options)

@@ -10,18 +10,18 @@
 //! it: identify, which ignores declared effects, will then test for the excess again.
 
 mod entries;
-mod numbers;
 mod several_axes;
+mod values;
 
-use rig::RigFile;
+use rig::{Parameter, RigFile};
 use toml_edit::{ArrayOfTables, DocumentMut, InlineTable, Item, Table, TableLike, Value};
 
 use crate::outcome::{FittedParameter, FoundEffect, Outcome, Verdict};
-use crate::prediction_error::other_axes::HANDLE_COUPLING;
+use crate::prediction_error::other_axes::is_handle_coupling;
 use crate::prediction_error::transmission_model::{SMOOTHING, SMOOTHING_SHAPE};
 use entries::{Entries, entries};
-use numbers::{number, rounded_up};
 use several_axes::{is_coupling, put_coupling};
+use values::{number, replace, rounded_up};
 
 /// Parameters without a declared value that are needed to reproduce the fitted plant.
 const OWN: [(&str, &str); 2] = [
@@ -33,8 +33,6 @@ const OWN: [(&str, &str); 2] = [
 const DEVIATIONS: f64 = 5.0;
 /// Least share of the declared tolerance.
 const LEAST: f64 = 1.0 / 3.0;
-/// Tolerance if the file gives none.
-const UNSAID: f64 = 0.25;
 
 /// The text to be written, and what it leaves out.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -161,8 +159,8 @@ fn with_provenance(text: &str, outcome: &Outcome, provenance: &Provenance) -> St
 
 /// Whether a parameter has a place among those of the rig file.
 fn is_of_file(parameter: &FittedParameter) -> bool {
-    let of_plant = !parameter.name.starts_with(HANDLE_COUPLING);
-    of_plant && (parameter.declared.is_some() || own(&parameter.name).is_some())
+    !is_handle_coupling(&parameter.name)
+        && (parameter.declared.is_some() || own(&parameter.name).is_some())
 }
 
 /// Describes a parameter without a declared value.
@@ -243,7 +241,11 @@ fn put_parameter(
             Some(absolute) => ("tolerance_absolute", absolute, std),
             None => {
                 let share = std / parameter.fitted.abs().max(f64::MIN_POSITIVE);
-                ("tolerance", number_of(entry, "tolerance").unwrap_or(UNSAID), share)
+                (
+                    "tolerance",
+                    number_of(entry, "tolerance").unwrap_or(Parameter::DEFAULT_TOLERANCE),
+                    share,
+                )
             }
         };
         let tolerance = rounded_up((DEVIATIONS * std).clamp(LEAST * most, most)).min(most);
@@ -272,14 +274,6 @@ fn is_as_declared(parameter: &FittedParameter) -> bool {
 fn number_of(entry: &dyn TableLike, key: &str) -> Option<f64> {
     let item = entry.get(key)?;
     item.as_float().or(item.as_integer().map(|whole| whole as f64))
-}
-
-/// Sets a key; spaces and comments around its value are kept.
-fn replace(table: &mut dyn TableLike, key: &str, mut value: Value) {
-    if let Some(Item::Value(old)) = table.get(key) {
-        *value.decor_mut() = old.decor().clone();
-    }
-    table.insert(key, Item::Value(value));
 }
 
 /// Replaces the list of effects: of one axis where there are several.

@@ -11,9 +11,10 @@ use plant::coupled_axes::{HandleCoupling, Plant};
 use plant::effects::parse;
 use plant::transmission::Input;
 use rig::RigFile;
+use two_sides::{COUNT_RAD, STEP_S, servo_v, uniform_noise};
 
-const STEP_S: f64 = 1e-3;
-const COUNT_RAD: f64 = TAU / 4000.0;
+mod two_sides;
+
 const RIG: &str = include_str!("../../../launch/rigs/two-axis.toml");
 const DECLARED: &str = "handle_coupling_kg_m2 = [2.0e-4]";
 
@@ -42,12 +43,7 @@ fn record(turn: usize, coupling: f64, effects: [&[&str]; 2], moves: [bool; 2]) -
     let mut plant = Plant::new(axes.to_vec(), &handle).unwrap();
     // The fourth record and the next repeat the first two, which gives the noise floor.
     let phase = 0.7 + 1.9 * (turn % 3) as f64;
-    let mut noise = 5 + turn as u64;
-    let mut random = || {
-        noise =
-            noise.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (noise >> 11) as f64 / (1u64 << 53) as f64 - 0.5
-    };
+    let mut random = uniform_noise(5 + turn as u64);
     let rows = 4000;
     let mut columns: [Vec<f64>; 9] = std::array::from_fn(|_| Vec::with_capacity(rows));
     for row in 0..rows {
@@ -63,9 +59,7 @@ fn record(turn: usize, coupling: f64, effects: [&[&str]; 2], moves: [bool; 2]) -
         for axis in 0..2 {
             let motion = plant.motion(axis);
             let reference = if moves[axis] { rise * references[axis] } else { 0.0 };
-            let volts = (7.0 * (reference - motion.master_position_rad)
-                - 0.4 * motion.master_velocity_rad_s)
-                .clamp(-8.0, 8.0);
+            let volts = servo_v(reference, &motion);
             let pushed = axis == 0 && turn == 5;
             let hand = if pushed { 2.0 * rise * (TAU * 0.9 * t).sin() } else { 0.0 };
             let counts = |rad: f64, dither: f64| ((rad / COUNT_RAD + dither).round()) * COUNT_RAD;

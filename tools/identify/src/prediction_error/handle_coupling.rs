@@ -5,12 +5,10 @@
 //! so that one axis is identified at a time, with the products as further parameters.
 
 use plant::coupled_axes::AXES;
+use rig::Parameter;
 
-use super::other_axes::{HANDLE_COUPLING, OtherAcceleration, OtherAxis};
+use super::other_axes::{OtherAcceleration, OtherAxis};
 use super::transmission_model::{BaseParameter, Setting, TransmissionModel};
-
-/// Tolerance of a declared product of inertia, as of any parameter that declares none.
-const TOLERANCE: f64 = 0.25;
 
 impl TransmissionModel {
     /// Adds the other axes at the handle that every record has, with the declared products of
@@ -32,24 +30,17 @@ impl TransmissionModel {
                 ));
                 continue;
             }
-            let (declared, spread) = (other.coupling_kg_m2, TOLERANCE * other.coupling_kg_m2.abs());
+            let declared = other.coupling_kg_m2;
+            let spread = Parameter::DEFAULT_TOLERANCE * declared.abs();
             if spread > 0.0 {
                 let range = (declared - spread, declared + spread);
-                self.base.push(BaseParameter {
-                    declared: Some(declared),
-                    start: declared,
-                    ..BaseParameter::estimated(&other.parameter(), "kg m^2", range)
-                });
+                let product =
+                    BaseParameter::declared(&other.parameter(), "kg m^2", declared, range);
+                self.base.push(product);
             }
             self.others.push(other.clone());
         }
         (self, notes)
-    }
-
-    /// Whether a parameter is a product of inertia with another axis, which the plant of this one
-    /// does not have.
-    pub(super) fn is_handle_coupling(parameter: &BaseParameter) -> bool {
-        parameter.name.starts_with(HANDLE_COUPLING)
     }
 
     /// Adds the torque of the other axes' accelerations to the torque on the slave (N·m), row by
@@ -62,10 +53,9 @@ impl TransmissionModel {
         torque_nm: &mut [f64],
     ) {
         for other in &self.others {
-            let name = other.parameter();
-            let at = self.base.iter().position(|parameter| parameter.name == name);
-            let declared = at.map_or(other.coupling_kg_m2, |at| setting.base[at]);
-            let product = declared + by_effects.get(other.index).copied().unwrap_or_default();
+            let fitted = self.base_value(setting, &other.parameter());
+            let product = fitted.unwrap_or(other.coupling_kg_m2)
+                + by_effects.get(other.index).copied().unwrap_or_default();
             let Some(recorded) = accelerations.iter().find(|own| own.axis == other.index) else {
                 continue;
             };

@@ -32,7 +32,6 @@
 //! - [`residual_regression`]: on which recorded signals an unmodelled torque depends that is no
 //!   function of one variable;
 //! - [`recorded_signals`]: those signals;
-//! - [`other_axes`]: the torque of the other axes at the same handle;
 //! - [`other_axes`]: the other axes at the same handle, and their accelerations;
 //! - `handle_coupling`: what these do to the axis identified;
 //! - `motion`: a recorded position and its derivatives;

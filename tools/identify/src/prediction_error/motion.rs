@@ -2,6 +2,7 @@
 
 /// Half the span of the local parabola that smooths a position and gives its derivatives (s).
 const REACH_S: f64 = 0.02;
+
 /// A smoothed column and its first two derivatives.
 pub(super) struct Motion {
     /// The position, smoothed.

@@ -1,6 +1,7 @@
 //! The other axes at a shared handle, and their recorded accelerations.
 
 use plant::coupled_axes::HandleCoupling;
+use recording::record::column_of;
 use rig::RigFile;
 
 use super::motion::Motion;
@@ -40,12 +41,12 @@ impl OtherAxis {
 
     /// The column of a record that has the position of its slave.
     pub fn column(&self) -> String {
-        recording::record::column_of(&self.name, "slave_rad")
+        column_of(&self.name, "slave_rad")
     }
 
     /// Whether a column of a record is one of this axis.
     pub fn has(&self, column: &str) -> bool {
-        column.strip_prefix(&self.name).is_some_and(|rest| rest.starts_with('.'))
+        column.starts_with(&column_of(&self.name, ""))
     }
 
     /// Name of its product of inertia as a parameter.
@@ -56,6 +57,12 @@ impl OtherAxis {
 
 /// The key of a rig file that declares the products of inertia.
 pub const HANDLE_COUPLING: &str = "handle_coupling_kg_m2";
+
+/// Whether a parameter is a product of inertia with another axis ([`OtherAxis::parameter`]), which
+/// the transmission by itself does not have.
+pub fn is_handle_coupling(parameter: &str) -> bool {
+    parameter.starts_with(HANDLE_COUPLING)
+}
 
 /// The recorded acceleration of another axis's slave.
 #[derive(Clone, Debug, PartialEq)]

@@ -143,7 +143,7 @@ impl Record {
         let others = self
             .others
             .iter()
-            .map(|other| OtherAcceleration { rad_s2: held(&other.rad_s2), ..other.clone() });
+            .map(|other| OtherAcceleration { axis: other.axis, rad_s2: held(&other.rad_s2) });
         Self {
             step_s: self.step_s * every as f64,
             volts: held(&self.volts),

@@ -7,7 +7,7 @@ use plant::transmission_kinds;
 use rig::Model as Declared;
 
 use super::nonparametric::PiecewiseLinear;
-use super::other_axes::OtherAxis;
+use super::other_axes::{OtherAxis, is_handle_coupling};
 use super::record::Record;
 use super::sensor_correction::{advanced, hand_torque};
 use crate::equation_error::block_roles::Role;
@@ -56,8 +56,22 @@ pub struct BaseParameter {
 }
 
 impl BaseParameter {
+    /// A declared parameter, within its tolerance.
+    pub(super) fn declared(
+        name: &str,
+        unit: &'static str,
+        value: f64,
+        (low, high): (f64, f64),
+    ) -> Self {
+        Self {
+            declared: Some(value),
+            start: value.clamp(low, high),
+            ..Self::estimated(name, unit, (low, high))
+        }
+    }
+
     /// A parameter that is only estimated, from 0 on, within a range.
-    pub(super) fn estimated(name: &str, unit: &'static str, (low, high): (f64, f64)) -> Self {
+    fn estimated(name: &str, unit: &'static str, (low, high): (f64, f64)) -> Self {
         let name = name.to_owned();
         Self { name, unit, declared: None, start: 0.0, low, high, logarithmic: false }
     }
@@ -217,11 +231,12 @@ impl TransmissionModel {
             {
                 continue;
             }
-            base.push(BaseParameter {
-                declared: Some(parameter.value),
-                start: parameter.value.clamp(low, high),
-                ..BaseParameter::estimated(&parameter.name, info.unit, (low, high))
-            });
+            base.push(BaseParameter::declared(
+                &parameter.name,
+                info.unit,
+                parameter.value,
+                (low, high),
+            ));
         }
         let info_of = |name: &str| constants.infos().iter().find(|info| info.name == name);
         if let Some(info) = info_of(SMOOTHING) {
@@ -305,10 +320,13 @@ impl TransmissionModel {
 
     /// Slave position at encoder count 0 (rad).
     pub fn slave_zero_rad(&self, setting: &Setting) -> f64 {
-        self.base
-            .iter()
-            .position(|parameter| parameter.name == SLAVE_ZERO)
-            .map_or(0.0, |index| setting.base[index])
+        self.base_value(setting, SLAVE_ZERO).unwrap_or(0.0)
+    }
+
+    /// Value of a parameter of [`Self::base`] in a setting, by name.
+    pub(super) fn base_value(&self, setting: &Setting, name: &str) -> Option<f64> {
+        let at = self.base.iter().position(|parameter| parameter.name == name)?;
+        setting.base.get(at).copied()
     }
 
     /// Returns the plant's constants with the values of a setting.
@@ -318,7 +336,7 @@ impl TransmissionModel {
             .base
             .iter()
             .zip(&setting.base)
-            .filter(|(own, _)| own.name != SLAVE_ZERO && !Self::is_handle_coupling(own))
+            .filter(|(own, _)| own.name != SLAVE_ZERO && !is_handle_coupling(&own.name))
         {
             constants.set(&parameter.name, *value).ok()?;
         }

@@ -1,11 +1,12 @@
 //! What a rig file with several axes has of one of them: its own parameters and effects, and its
 //! products of inertia with the others.
 
+use plant::coupled_axes::HandleCoupling;
 use plant::effects::handle_coupling;
 use rig::RigFile;
 use toml_edit::{Array, ArrayOfTables, DocumentMut, Item, Table, TableLike, Value};
 
-use super::numbers::number;
+use super::values::{number, replace};
 use crate::outcome::Outcome;
 use crate::prediction_error::other_axes::{HANDLE_COUPLING, OtherAxis};
 
@@ -70,38 +71,26 @@ pub(super) fn put_coupling(
     outcome: &Outcome,
 ) -> usize {
     let axes = rig.axes.len();
-    let mut products = rig.model.handle_coupling.clone();
-    products.resize(axes * (axes - 1) / 2, 0.0);
-    let mut written = 0;
+    let handle = HandleCoupling::of_pairs(axes, &rig.model.handle_coupling);
+    let (mut handle, mut written) = (handle.unwrap_or_default(), 0);
     for other in OtherAxis::beside(rig, axis) {
         let name = other.parameter();
         let fitted = outcome.parameters.iter().find(|own| own.name == name);
         let beyond = outcome.effects.iter().filter(|effect| is_coupling(&effect.id));
-        let beyond = beyond.flat_map(|effect| &effect.parameters);
-        let with = handle_coupling::NAMES.get(other.index).copied().unwrap_or_default();
-        let beyond = beyond.filter(|own| own.name == with).map(|own| own.value);
-        let (beyond, is_beyond) = beyond.fold((0.0, false), |(sum, _), own| (sum + own, true));
-        if fitted.is_none() && !is_beyond {
-            continue;
-        }
-        let product = fitted.map_or(other.coupling_kg_m2, |own| own.fitted) + beyond;
-        let (low, high) = (axis.min(other.index), axis.max(other.index));
-        // In the order first and second, first and third, second and third axis.
-        if let Some(slot) = products.get_mut(low + high - 1) {
-            (*slot, written) = (product, written + 1);
+        let mut beyond = beyond.flat_map(|effect| &effect.parameters);
+        let beyond = handle_coupling::with_axis(other.index)
+            .and_then(|with| beyond.find(|own| own.name == with));
+        if fitted.is_some() || beyond.is_some() {
+            let product = fitted.map_or(other.coupling_kg_m2, |own| own.fitted);
+            handle.set((axis, other.index), product + beyond.map_or(0.0, |own| own.value));
+            written += 1;
         }
     }
     if written > 0
         && let Some(model) = document.get_mut("model").and_then(Item::as_table_like_mut)
     {
-        let list = Value::Array(products.into_iter().map(number).collect::<Array>());
-        match model.get_mut(HANDLE_COUPLING).and_then(Item::as_value_mut) {
-            // The comments above the key and behind the value stay.
-            Some(old) => {
-                *old = list.decorated(" ", old.decor().suffix().cloned().unwrap_or_default())
-            }
-            None => _ = model.insert(HANDLE_COUPLING, Item::Value(list)),
-        }
+        let list: Array = handle.pairs(axes).into_iter().map(number).collect();
+        replace(model, HANDLE_COUPLING, Value::Array(list));
     }
     written
 }

@@ -6,11 +6,12 @@ use std::f64::consts::TAU;
 use identify::input::Series;
 use identify::prediction_error::record::Record;
 use plant::effects::Effect;
-use plant::transmission::{Input, Transmission as _};
+use plant::transmission::{Input, Motion, Transmission as _};
 use plant::transmission_kinds;
 use rig::RigFile;
 
-const STEP_S: f64 = 1e-3;
+/// From a row to the next (s).
+pub(crate) const STEP_S: f64 = 1e-3;
 /// A count of both encoders (rad).
 pub(crate) const COUNT_RAD: f64 = TAU / 4000.0;
 
@@ -22,6 +23,22 @@ pub(crate) fn rig() -> RigFile {
 
 /// From the beginning of a record to that of the next (s).
 pub(crate) const RECORD_S: f64 = 10.0;
+
+/// Reproducible noise, uniform from -0.5 to 0.5.
+pub(crate) fn uniform_noise(mut state: u64) -> impl FnMut() -> f64 {
+    move || {
+        state =
+            state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (state >> 11) as f64 / (1u64 << 53) as f64 - 0.5
+    }
+}
+
+/// The volts of a position servo at the master.
+pub(crate) fn servo_v(reference_rad: f64, motion: &Motion) -> f64 {
+    let volts =
+        7.0 * (reference_rad - motion.master_position_rad) - 0.4 * motion.master_velocity_rad_s;
+    volts.clamp(-8.0, 8.0)
+}
 
 /// The rig in closed loop along some sines, its torque constant and friction off the declared ones;
 /// a hand pushes where `hand` says, and something at the motor, slowly and at random, with so many
@@ -48,12 +65,7 @@ pub(crate) fn record(
     plant.set_time(start_s);
     // The fourth record repeats the first: without a repeat nobody knows what a model may leave.
     let phase = 0.7 + 1.9 * (turn % 3) as f64;
-    let mut noise = 17 + turn as u64;
-    let mut random = || {
-        noise =
-            noise.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (noise >> 11) as f64 / (1u64 << 53) as f64 - 0.5
-    };
+    let mut random = uniform_noise(17 + turn as u64);
     let mut push = 0.0;
     let rows = 4000;
     let mut columns: [Vec<f64>; 5] = std::array::from_fn(|_| Vec::with_capacity(rows));
@@ -65,9 +77,7 @@ pub(crate) fn record(
                 + 0.25 * (TAU * 1.7 * t + 2.0 * phase).sin()
                 + 0.06 * (TAU * 5.3 * t).sin());
         let motion = plant.motion();
-        let volts = (7.0 * (reference - motion.master_position_rad)
-            - 0.4 * motion.master_velocity_rad_s)
-            .clamp(-8.0, 8.0);
+        let volts = servo_v(reference, &motion);
         let torque = if hand { 2.0 * rise * (TAU * 0.9 * t + phase).sin() } else { 0.0 };
         let counts = |position: f64| (position / COUNT_RAD).round() * COUNT_RAD;
         let values = [

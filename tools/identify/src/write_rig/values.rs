@@ -1,6 +1,6 @@
-//! Numbers as they are written into a rig file.
+//! Values as they are written into a rig file.
 
-use toml_edit::Value;
+use toml_edit::{Item, TableLike, Value};
 
 /// A number with eight digits: more than any record can resolve, and short enough to be read.
 pub(super) fn number(value: f64) -> Value {
@@ -21,4 +21,15 @@ pub(super) fn rounded_up(value: f64) -> f64 {
     }
     let unit = 10f64.powf(value.log10().floor() - 1.0);
     format!("{:.1e}", (value / unit - 1e-6).ceil() * unit).parse().unwrap_or(value)
+}
+
+/// Sets a key; spaces and comments around it and its value are kept.
+pub(super) fn replace(table: &mut dyn TableLike, key: &str, mut value: Value) {
+    match table.get_mut(key) {
+        Some(Item::Value(old)) => {
+            *value.decor_mut() = old.decor().clone();
+            *old = value;
+        }
+        _ => _ = table.insert(key, Item::Value(value)),
+    }
 }
