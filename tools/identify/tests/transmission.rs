@@ -20,7 +20,7 @@ use identify::prediction_error::refit::fit_base;
 use identify::prediction_error::search::search;
 use identify::prediction_error::search_result::{SearchResult, Unfinished};
 use identify::prediction_error::selection_round::FittedCandidate;
-use identify::prediction_error::step_refinement::holds_with_finer_steps;
+use identify::prediction_error::step_refinement::{holds_with_finer_steps, refine_steps};
 use identify::prediction_error::transmission_model::TransmissionModel;
 use identify::prediction_error::validation::validate;
 use plant::effects::{Site, parse};
@@ -139,6 +139,29 @@ fn presliding_holds_with_finer_steps_only_if_it_is_real() {
 }
 
 const DRIVE: ServoGains = ServoGains { position_gain: 7.0, velocity_gain: 0.4, volts_max: 10.0 };
+
+#[test]
+fn records_whose_voltage_chatters_are_simulated_with_finer_steps() {
+    let model = |records: Vec<Record>| {
+        TransmissionModel::new("hydrostatic.toml", &rig().model, records, Some(COUNT_RAD)).unwrap()
+    };
+    let slow: Vec<Record> = (0..2).map(|turn| record(turn, None, false, 0.05)).collect();
+    // As a position servo with dead time does, between its limits a hundred times a second.
+    let mut chattering = slow.clone();
+    for (row, volts) in chattering[1].volts.iter_mut().enumerate() {
+        *volts = if row % 10 < 5 { 8.0 } else { -8.0 };
+    }
+    for (records, finer) in [(slow, false), (chattering, true)] {
+        let mut model = model(records);
+        refine_steps(&mut model);
+        let steps: Vec<u32> = model.records.iter().map(|record| record.steps).collect();
+        assert!(steps.iter().all(|steps| (*steps > 1) == finer), "{steps:?}");
+        let again = steps.clone();
+        refine_steps(&mut model);
+        let steps: Vec<u32> = model.records.iter().map(|record| record.steps).collect();
+        assert_eq!(steps, again);
+    }
+}
 
 #[test]
 fn a_replicate_moves_alike_and_its_innovations_match_the_repeatability() {

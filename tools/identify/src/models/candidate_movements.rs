@@ -136,6 +136,7 @@ impl RigCapability {
             count_rad: [0.0; 2],
             idle: true,
             others: Vec::new(),
+            steps: 1,
         }
         .thinned()
     }

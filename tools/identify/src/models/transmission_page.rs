@@ -13,7 +13,9 @@ use crate::outcome::Outcome;
 use crate::prediction_error::dataset::Dataset;
 use crate::prediction_error::record::Record;
 use crate::prediction_error::transmission_model::{Channel, Residual};
-use crate::prediction_error::validation::{LEAST_T, LEAST_T_FIRST, least_beside};
+use crate::prediction_error::validation::{
+    LEAST_T, LEAST_T_FIRST, least_beside, least_over_octaves,
+};
 
 /// Slower motion counts as rest; a reversal is the next faster motion in the other direction
 /// (rad/s).
@@ -50,10 +52,16 @@ pub(super) fn page(
          fall by {:.0} % or more (beside one effect by {:.0} %, beside two by {:.0} %), when that \
          is {LEAST_T_FIRST:.1} of its standard errors above zero (beside others {LEAST_T:.1}), \
          when more records get better than worse, and when no channel gets worse by more than 3 % \
-         (for a first effect by a fifth of what all gain).",
-        asked(0),
-        asked(1),
-        asked(2)
+         (for a first effect by a fifth of what all gain). An effect that hardly shows in the sum \
+         over all frequencies is added when the errors in eight octaves of frequency, averaged, \
+         fall by {:.0} % (beside one by {:.0} %, beside two by {:.0} %), in most records, and get \
+         worse in none.",
+        percent(least_beside(0)),
+        percent(least_beside(1)),
+        percent(least_beside(2)),
+        percent(least_over_octaves(0)),
+        percent(least_over_octaves(1)),
+        percent(least_over_octaves(2))
     );
     let content = Content {
         declared: "transmission",
@@ -76,9 +84,9 @@ pub(super) fn page(
     Some(whole_page(outcome, &content))
 }
 
-/// Least gain of an effect beside so many, in percent.
-fn asked(beside: usize) -> f64 {
-    -100.0 * (-least_beside(beside)).exp_m1()
+/// Decrease of an error in percent, from that of its logarithm.
+fn percent(gain: f64) -> f64 {
+    -100.0 * (-gain).exp_m1()
 }
 
 /// The measured movement of a record, and its innovations.

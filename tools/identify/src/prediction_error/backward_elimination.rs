@@ -150,7 +150,7 @@ pub fn single_effect_models(
 }
 
 /// Whether two effects are equivalent on every record, apart from numerics.
-fn are_equivalent(one: (&str, Site), other: (&str, Site)) -> bool {
+pub fn are_equivalent(one: (&str, Site), other: (&str, Site)) -> bool {
     let at = |site| entry(one.0).is_some_and(|own| own.search.equivalent_sites.contains(&site));
     one.0 == other.0 && at(one.1) && at(other.1)
 }

@@ -22,6 +22,9 @@ const WELL_AT_FLOOR: f64 = 1.08;
 const OTHERS_WELL_AT_FLOOR: f64 = 1.25;
 /// Repeated records beyond this factor of the floor refute every listed effect.
 const INADEQUATE: f64 = 1.6;
+/// The same factor for effects that leave noise octave by octave: in stick-slip one of two repeated
+/// records may take the other branch for a while, which dominates the sum.
+const INADEQUATE_THOUGH_NOISE: f64 = 2.0;
 /// The same factor for records of other movements.
 const OTHERS_INADEQUATE: f64 = 5.0;
 /// Change of the friction's smoothing shape that stands for what is not known of it.
@@ -183,7 +186,7 @@ fn rounding(model: &TransmissionModel, channel: Channel) -> f64 {
 }
 
 /// Lower limit of the noise floor: half of what rounding leaves, or a share of the movement.
-fn least(model: &TransmissionModel, channel: Channel) -> f64 {
+pub(super) fn least(model: &TransmissionModel, channel: Channel) -> f64 {
     let moved = |column: &[f64]| {
         let mean = column.iter().sum::<f64>() / column.len().max(1) as f64;
         LEAST_SHARE * rms(column.iter().map(|position| position - mean))
@@ -221,8 +224,12 @@ impl AboveFloor {
 
     /// Whether the model is refuted whatever it gained: right ones end nearer to the floor.
     pub fn inadequate(&self) -> bool {
+        self.exceeds(INADEQUATE)
+    }
+
+    fn exceeds(&self, most: f64) -> bool {
         let [repeated, others] = self.beside_friction;
-        repeated > INADEQUATE || others > OTHERS_INADEQUATE
+        repeated > most || others > OTHERS_INADEQUATE
     }
 
     /// Whether the model would be refuted if the friction's passage through zero speed were known.
@@ -282,7 +289,9 @@ impl FloorComparison {
     /// that was `named`, any colour tells that one is missing.
     pub fn refutes(&self, named: bool) -> bool {
         let most = if named { REFUTED_COLOUR } else { 1.0 };
-        self.in_sum.is_some_and(|above| above.inadequate())
+        let leaves_noise = named && self.colour.is_some_and(|colour| colour <= 1.0);
+        let most_in_sum = if leaves_noise { INADEQUATE_THOUGH_NOISE } else { INADEQUATE };
+        self.in_sum.is_some_and(|above| above.exceeds(most_in_sum))
             || self.colour.is_some_and(|colour| colour > most)
     }
 }
@@ -434,6 +443,21 @@ mod tests {
         // A ratio of zero is the least of colours, not an undefined one.
         let colour = OctaveRatios { channel: Channel::Torque, ratios, repeated: true }.colour();
         assert!(colour.is_finite() && colour < 1.0, "{colour}");
+    }
+
+    #[test]
+    fn effects_that_leave_noise_octave_by_octave_may_leave_more_in_sum() {
+        let above = |repeated: f64| AboveFloor {
+            repeated,
+            others: repeated,
+            beside_friction: [repeated; 2],
+        };
+        let refuted = |repeated: f64, colour: Option<f64>, named: bool| {
+            FloorComparison { in_sum: Some(above(repeated)), colour }.refutes(named)
+        };
+        assert!(!refuted(1.7, Some(0.8), true) && refuted(1.7, Some(0.8), false));
+        assert!(refuted(1.7, Some(1.2), true) && refuted(1.7, None, true));
+        assert!(refuted(2.1, Some(0.8), true) && !refuted(1.5, Some(1.2), true));
     }
 
     #[test]

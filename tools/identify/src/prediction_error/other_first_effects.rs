@@ -3,7 +3,7 @@
 
 use plant::effects::Site;
 
-use super::backward_elimination::LEAST_SUBSTITUTION;
+use super::backward_elimination::{LEAST_SUBSTITUTION, are_equivalent};
 use super::candidates::candidates;
 use super::dataset::Fitted;
 use super::record_features::record_features;
@@ -38,7 +38,9 @@ impl Search<'_> {
         let placed = self.now.setting.placed.iter().map(|placed| (placed.id, placed.site));
         let placed: Vec<_> = placed.collect();
         let mut others = std::mem::take(&mut self.other_first_effects);
-        others.retain(|other| newest(other).is_some_and(|own| !placed.contains(&own)));
+        // An equivalent effect leads to the same selection.
+        let same = |own| placed.iter().any(|placed| *placed == own || are_equivalent(*placed, own));
+        others.retain(|other| newest(other).is_some_and(|own| !same(own)));
         others.truncate(TRIED);
         if self.found.steps.is_empty() || others.is_empty() || self.is_explained() {
             return;

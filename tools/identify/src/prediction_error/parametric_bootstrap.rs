@@ -270,7 +270,7 @@ impl NullModel<'_> {
             .constants(&self.setting)?
             .plant(in_plant)
             .ok()?
-            .with_longest_step(measured.step_s);
+            .with_longest_step(measured.longest_step_s());
         let zero = self.model.slave_zero_rad(&self.setting);
         let dt = measured.step_s;
         plant.rest_at(measured.master[0], measured.slave.as_ref().map(|slave| slave[0] - zero));

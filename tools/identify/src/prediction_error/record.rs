@@ -32,6 +32,8 @@ pub struct Record {
     pub idle: bool,
     /// Accelerations of the other axes at the same handle, where they were recorded.
     pub others: Vec<OtherAcceleration>,
+    /// Least number of simulation steps per row.
+    pub steps: u32,
 }
 
 /// Approximate rate of residual rows (Hz), to which innovations are averaged.
@@ -107,6 +109,7 @@ impl Record {
             count_rad: [gear * least_change(master), slave.map_or(0.0, least_change)],
             idle,
             others: accelerations(series, step_s, others),
+            steps: 1,
         };
         Ok(whole.thinned())
     }
@@ -153,6 +156,11 @@ impl Record {
             others: others.collect(),
             ..self
         }
+    }
+
+    /// Longest step of the simulation (s).
+    pub fn longest_step_s(&self) -> f64 {
+        self.step_s / f64::from(self.steps)
     }
 
     /// Rows per residual row.

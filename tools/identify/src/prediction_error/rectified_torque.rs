@@ -116,6 +116,7 @@ mod tests {
             count_rad: [1e-3; 2],
             idle: false,
             others: Vec::new(),
+            steps: 1,
         }
     }
 

@@ -17,7 +17,7 @@ use super::rectified_torque::{rectified_records, restore_signs};
 use super::refit::{fit_base, refit, refit_declared};
 use super::search_result::{SearchResult, SelectionStep, Unfinished};
 use super::selection_round::{FittedCandidate, SelectionRound, winner};
-use super::step_refinement::{holds_with_finer_steps, may_be_step_artefact};
+use super::step_refinement::{holds_with_finer_steps, may_be_step_artefact, refine_steps};
 use super::transmission_model::TransmissionModel;
 use super::validation::{LEAST_FIRST, LEAST_GAIN, Validation, is_bistable, validate};
 use crate::deadline::Deadline;
@@ -48,6 +48,7 @@ const CHOICE_FIT_ROUNDS: usize = 4;
 /// finished stay. Recovered signs of a rectified torque are stored in the records. `None` if not
 /// even the declared model can be simulated along the records.
 pub fn search(model: &mut TransmissionModel, deadline: &Deadline) -> Option<SearchResult> {
+    refine_steps(model);
     let hands = rectified_records(model);
     if !hands.is_empty() {
         let idle = Dataset::of(model, Role::Fit).without(&hands).until(deadline);

@@ -167,6 +167,7 @@ mod tests {
             count_rad: [1e-3; 2],
             idle,
             others: Vec::new(),
+            steps: 1,
         }
     }
 

@@ -182,6 +182,8 @@ impl Setting {
 pub struct Residual {
     /// Channels in the order of [`TransmissionModel::channels`].
     pub channels: Vec<Vec<f64>>,
+    /// Whether the record has the slave's position.
+    pub slave_observed: bool,
 }
 
 /// The declared model and the records with which it is compared.
@@ -195,8 +197,6 @@ pub struct TransmissionModel {
     pub records: Vec<Record>,
     /// The other axes at the handle whose motion every record has.
     pub others: Vec<OtherAxis>,
-    /// Least number of simulation steps per row of a record.
-    pub steps: u32,
 }
 
 impl TransmissionModel {
@@ -255,7 +255,7 @@ impl TransmissionModel {
         {
             base.push(BaseParameter::estimated(SLAVE_ZERO, "rad", (-count, count)));
         }
-        Ok(Self { declared: constants, base, records, others: Vec::new(), steps: 1 })
+        Ok(Self { declared: constants, base, records, others: Vec::new() })
     }
 
     /// Returns the starting point of fits.
@@ -366,7 +366,7 @@ impl TransmissionModel {
             .constants(setting)?
             .plant(in_plant)
             .ok()?
-            .with_longest_step(record.step_s / f64::from(self.steps))
+            .with_longest_step(record.longest_step_s())
             .without_energy_balance();
         // Late readings are advanced in time: an observer with delayed feedback would oscillate.
         let late = late_s / record.step_s;
@@ -429,7 +429,7 @@ impl TransmissionModel {
             channels.push(slave_rows);
         }
         channels.extend(torque.map(|torque| record.averaged(&torque)));
-        Some(Residual { channels })
+        Some(Residual { channels, slave_observed: slave.is_some() })
     }
 }
 
