@@ -236,7 +236,8 @@ pub struct UnlistedTable {
     pub table: Vec<[f64; 3]>,
     /// What the function looks like, in words that complete "it is ..."; left out where it looks
     /// like nothing simple. For transmissions, how it depends on the variable where no function of
-    /// one variable explains enough, but a regression on recorded signals does.
+    /// one variable explains enough, but a regression on recorded signals does, or an encoder
+    /// jumps as no machine moves.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub resembles: Option<String>,
     /// Share of the squared residual on the selecting records that such a regression explains;

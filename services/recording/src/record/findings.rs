@@ -23,6 +23,8 @@ pub enum FindingKind {
     Dead,
     /// The channel stays at its extreme.
     Saturated,
+    /// The position jumps from a row to the next.
+    Jumping,
     /// Rows were left out because samples are missing.
     Masked,
     /// The record was replayed more than once; one pass was kept.

@@ -3,12 +3,13 @@
 //! Read from a CSV file ([`from_csv`]) or from a recording of farreach's ([`from_recording`]): SI
 //! units, one value per sampling instant, uniform in time. Bad data are an error that names file,
 //! row and column; a record is never patched silently. What the data alone cannot decide (a channel
-//! that never changes, one that stays at its extreme) is a [`Finding`]: the record is usable, and a
-//! person should check it.
+//! that never changes, one that stays at its extreme, an encoder that jumps) is a [`Finding`]: the
+//! record is usable, and a person should check it.
 
 mod csv_file;
 mod findings;
 mod grid;
+mod jumps;
 mod mapping;
 mod resample;
 mod samples;
@@ -19,6 +20,7 @@ use std::path::{Path, PathBuf};
 
 pub use csv_file::{from_csv, from_csv_text, write_csv};
 pub use findings::{Finding, FindingKind};
+pub use jumps::{Jump, jumps};
 pub use mapping::{Mapping, MappingError};
 pub use samples::{ColumnNames, SampleColumns, from_mcap, from_recording};
 pub use topics::from_topics;
@@ -228,6 +230,7 @@ impl Draft {
             self.columns.into_iter().map(|(name, values)| (name, cut(values))).collect();
         for (name, values) in &columns {
             self.findings.extend(findings::dead_or_saturated(name, values, first_row));
+            self.findings.extend(jumps::jumping(name, values, first_row));
         }
         Ok(Record {
             name: file.file_name().unwrap_or(file.as_os_str()).to_string_lossy().into_owned(),

@@ -137,6 +137,7 @@ impl RigCapability {
             idle: true,
             others: Vec::new(),
             steps: 1,
+            jumps: Default::default(),
         }
         .thinned()
     }

@@ -173,6 +173,9 @@ fn verdict(outcome: &Outcome, located: bool) -> (Tone, String) {
                     unlisted.resembles.as_deref().unwrap_or(UNKNOWN),
                     100.0 * share
                 ),
+                (_, true) if let Some(like) = &unlisted.resembles => {
+                    format!("; it acts {} like {like}", place_unlisted(&unlisted.site))
+                }
                 (Some(on), true) => {
                     format!("; it acts at the {} and depends on {on}", unlisted.site)
                 }

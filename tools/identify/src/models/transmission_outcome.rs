@@ -23,8 +23,9 @@ use crate::outcome::{
 use crate::prediction_error::dataset::Dataset;
 use crate::prediction_error::free_parameter::{AT_BOUND, FreeParameter};
 use crate::prediction_error::identifiability::{Sensitivity, sensitivities};
+use crate::prediction_error::location::JumpingEncoder;
 use crate::prediction_error::noise_floor::errors;
-use crate::prediction_error::nonparametric::NODES;
+use crate::prediction_error::nonparametric::{NODES, Variable};
 use crate::prediction_error::nonparametric_search::UnlistedFunction;
 use crate::prediction_error::record::rms;
 use crate::prediction_error::search_result::{SearchResult, Unfinished};
@@ -139,16 +140,26 @@ fn unlisted(
     let of_function = |unlisted_function| {
         table(unlisted_function, fit, found.inadequate.then_some(with_deviation))
     };
+    let jumping = JumpingEncoder::of(&fit.model.records);
     let dependence = found.localisation.as_ref().and_then(|localisation| localisation.dependence);
-    let alone = |site: Site| UnlistedTable {
-        site: site.name().into(),
-        depends_on: dependence.map_or(UNKNOWN, |own| own.variable.name()).into(),
-        resembles: dependence.map(|own| own.words.to_owned()),
-        regression_share: dependence.map(|own| own.share),
-        ..UnlistedTable::default()
+    let alone = |site: Site| match jumping {
+        Some(jumping) => UnlistedTable {
+            site: site.name().into(),
+            depends_on: if jumping.at_one_place { Variable::Position.name() } else { UNKNOWN }
+                .into(),
+            resembles: Some(jumping.words().to_owned()),
+            ..UnlistedTable::default()
+        },
+        None => UnlistedTable {
+            site: site.name().into(),
+            depends_on: dependence.map_or(UNKNOWN, |own| own.variable.name()).into(),
+            resembles: dependence.map(|own| own.words.to_owned()),
+            regression_share: dependence.map(|own| own.share),
+            ..UnlistedTable::default()
+        },
     };
-    let told =
-        found.unlisted_function.as_ref().map(of_function).or_else(|| found.acts_at().map(alone))?;
+    let told = (found.unlisted_function.as_ref().map(of_function))
+        .or_else(|| found.acts_at(jumping).map(alone))?;
     let places = found.localisation.iter().flat_map(|localisation| &localisation.left);
     let unexplained = places
         .map(|(place, share)| Unexplained { place: place.name().into(), share: *share })

@@ -4,6 +4,7 @@
 use plant::effects::Site;
 
 use super::nonparametric::Variable;
+use super::record::Record;
 use super::residual_regression::Dependence;
 
 /// A place is accepted if it leaves less than this share unexplained. Over effects of many kinds,
@@ -17,6 +18,55 @@ const DOUBTFUL: std::ops::Range<f64> = 0.18..0.36;
 /// A sensor error is preferred to a torque on the slave if it leaves at most this much more: it is
 /// the more restrictive hypothesis.
 const AS_LITTLE: f64 = 0.05;
+
+/// Fewest jumps of an encoder, over all records, that tell where an unlisted effect acts: a single
+/// one may be a disturbance of the recording.
+const FEWEST_JUMPS: usize = 2;
+/// Largest distance between two jumps that count as at the same place: a share of the range of the
+/// position. An index restores the count at one place.
+const SAME_PLACE: f64 = 0.05;
+
+/// An encoder that loses and regains counts: its position jumps as no machine moves.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct JumpingEncoder {
+    /// Whether it is the slave's, else the master's.
+    pub of_slave: bool,
+    /// Whether all jumps are at one place.
+    pub at_one_place: bool,
+}
+
+impl JumpingEncoder {
+    /// The encoder with the more jumps, if there are enough.
+    pub fn of(records: &[Record]) -> Option<Self> {
+        let all = |side: usize| records.iter().flat_map(move |record| &record.jumps[side]).copied();
+        let side = if all(1).count() > all(0).count() { 1 } else { 0 };
+        if all(side).count() < FEWEST_JUMPS {
+            return None;
+        }
+        let span = |values: &mut dyn Iterator<Item = f64>| {
+            let (low, high) = values
+                .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), own| {
+                    (low.min(own), high.max(own))
+                });
+            high - low
+        };
+        let positions = records.iter().filter_map(|record| match side {
+            1 => record.slave.as_ref(),
+            _ => Some(&record.master),
+        });
+        let range = span(&mut positions.flatten().copied());
+        let at_one_place = span(&mut all(side)) <= SAME_PLACE * range;
+        Some(Self { of_slave: side == 1, at_one_place })
+    }
+
+    /// What it is like, in words that complete "it acts like ...".
+    pub const fn words(self) -> &'static str {
+        match self.of_slave {
+            true => "counts that the slave's encoder loses and regains",
+            false => "counts that the master's encoder loses and regains",
+        }
+    }
+}
 
 /// A place at which a torque can enter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -142,6 +192,37 @@ mod tests {
         // less.
         assert_eq!(shares(0.8, 0.05, 0.6, Some(0.08)).site(), Site::Sensor);
         assert_eq!(shares(0.8, 0.19, 0.6, Some(0.13)).site(), Site::Sensor);
+    }
+
+    #[test]
+    fn an_encoder_that_jumps_twice_is_told_and_where() {
+        let record = |jumps: [&[f64]; 2]| {
+            let position = vec![-0.5, 0.0, 0.5];
+            Record {
+                name: "made.csv".into(),
+                start_s: 0.0,
+                step_s: 2e-3,
+                volts: vec![0.0; 3],
+                master: position.clone(),
+                slave: Some(position),
+                torque: None,
+                sign_flipped: Vec::new(),
+                role: crate::equation_error::block_roles::Role::Fit,
+                count_rad: [1e-3; 2],
+                idle: true,
+                others: Vec::new(),
+                steps: 1,
+                jumps: jumps.map(<[f64]>::to_vec),
+            }
+        };
+        let of = |all: &[[&[f64]; 2]]| {
+            JumpingEncoder::of(&all.iter().copied().map(record).collect::<Vec<_>>())
+                .map(|found| (found.of_slave, found.at_one_place))
+        };
+        assert_eq!(of(&[[&[], &[]], [&[], &[0.1]]]), None);
+        assert_eq!(of(&[[&[], &[0.12]], [&[], &[0.1]]]), Some((true, true)));
+        assert_eq!(of(&[[&[], &[0.12]], [&[], &[0.3]]]), Some((true, false)));
+        assert_eq!(of(&[[&[0.1, -0.4], &[0.12]]]), Some((false, false)));
     }
 
     #[test]

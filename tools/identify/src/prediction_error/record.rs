@@ -1,5 +1,7 @@
 //! Measured records of a transmission, checked and resampled.
 
+use recording::record::jumps;
+
 use super::other_axes::{OtherAcceleration, OtherAxis, accelerations};
 use crate::equation_error::block_roles::Role;
 use crate::error::{IdentifyError, Result};
@@ -34,6 +36,8 @@ pub struct Record {
     pub others: Vec<OtherAcceleration>,
     /// Least number of simulation steps per row.
     pub steps: u32,
+    /// Positions of master and slave behind each jump of their encoder (rad).
+    pub jumps: [Vec<f64>; 2],
 }
 
 /// Approximate rate of residual rows (Hz), to which innovations are averaged.
@@ -110,6 +114,7 @@ impl Record {
             idle,
             others: accelerations(series, step_s, others),
             steps: 1,
+            jumps: [Some(master), slave].map(|column| column.map_or_else(Vec::new, behind_jumps)),
         };
         Ok(whole.thinned())
     }
@@ -200,6 +205,11 @@ impl Record {
             .map(|rows| rows.iter().sum::<f64>() / width as f64)
             .collect()
     }
+}
+
+/// The positions behind the jumps of a position.
+fn behind_jumps(position: &[f64]) -> Vec<f64> {
+    jumps(position).iter().filter_map(|jump| position.get(jump.row).copied()).collect()
 }
 
 /// Why a record tells nothing about the machine.

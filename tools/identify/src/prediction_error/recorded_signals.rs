@@ -170,6 +170,7 @@ mod tests {
             idle: false,
             others: Vec::new(),
             steps: 1,
+            jumps: Default::default(),
         }
     }
 

@@ -117,6 +117,7 @@ mod tests {
             idle: false,
             others: Vec::new(),
             steps: 1,
+            jumps: Default::default(),
         }
     }
 

@@ -3,7 +3,7 @@
 use plant::effects::Site;
 
 use super::dataset::{Dataset, Fitted};
-use super::location::Localisation;
+use super::location::{JumpingEncoder, Localisation};
 use super::noise_floor::FloorComparison;
 use super::nonparametric_search::{NonparametricResult, UnlistedFunction, search_nonparametric};
 use super::transmission_model::TransmissionModel;
@@ -90,11 +90,15 @@ impl SearchResult {
         self.unlisted_function.as_ref().filter(|_| self.inadequate)
     }
 
-    /// Returns where an unlisted effect acts if no function of one variable explains it.
-    pub fn acts_at(&self) -> Option<Site> {
+    /// Returns where an unlisted effect acts if no function of one variable explains it: at an
+    /// encoder that jumps, else where the residual says.
+    pub fn acts_at(&self, jumping: Option<JumpingEncoder>) -> Option<Site> {
         let localisation = self.localisation.as_ref()?;
         if self.unlisted_function.is_some() {
             return None;
+        }
+        if jumping.is_some() {
+            return Some(Site::Sensor);
         }
         // Motor torque acts on the master too; only what it depends on distinguishes the two, and
         // regressions are on the motion.

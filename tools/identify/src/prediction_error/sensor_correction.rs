@@ -168,6 +168,7 @@ mod tests {
             idle,
             others: Vec::new(),
             steps: 1,
+            jumps: Default::default(),
         }
     }
 

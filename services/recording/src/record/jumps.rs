@@ -1,0 +1,126 @@
+//! Jumps of an encoder: positions that change from a row to the next as no machine moves.
+
+use super::{Finding, FindingKind};
+
+/// Least size of a jump in the smallest steps of the column, which are encoder counts.
+const LEAST_COUNTS: f64 = 8.0;
+/// Least size in multiples of [`USUAL`] of the unevenness of the rows: where they are sparse, a
+/// machine may accelerate noticeably between two of them. Measured machines, at 100 Hz to 4 kHz,
+/// reached half of it at most.
+const LEAST_UNEVENNESS: f64 = 8.0;
+/// The quantile of the unevenness that counts as usual.
+const USUAL: f64 = 0.99;
+
+/// A jump of a position.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Jump {
+    /// The row behind it, from 0.
+    pub row: usize,
+    /// Change beyond that of the rows around it, in the unit of the column.
+    pub by: f64,
+}
+
+/// Returns where a position, in rows uniform in time, changes by much more than before and after:
+/// an encoder that lost or regained counts, or a wrong reading.
+pub fn jumps(position: &[f64]) -> Vec<Jump> {
+    let steps: Vec<f64> = position.windows(2).map(|rows| rows[1] - rows[0]).collect();
+    let moving = steps.iter().map(|step| step.abs()).filter(|step| *step > 0.0);
+    let count = moving.fold(f64::INFINITY, f64::min);
+    let beyond: Vec<f64> =
+        steps.windows(3).map(|rows| rows[1] - 0.5 * (rows[0] + rows[2])).collect();
+    let mut sizes: Vec<f64> = beyond.iter().map(|own| own.abs()).collect();
+    if sizes.is_empty() {
+        return Vec::new();
+    }
+    let at = ((sizes.len() as f64 * USUAL) as usize).min(sizes.len() - 1);
+    let (_, usual, _) = sizes.select_nth_unstable_by(at, f64::total_cmp);
+    let least = f64::max(LEAST_COUNTS * count, LEAST_UNEVENNESS * *usual);
+    let size = |at: usize| beyond.get(at).map_or(0.0, |own| own.abs());
+    let is_jump = |at: &usize| {
+        let own = size(*at);
+        // The rows before and after it are off by half of it, the other way.
+        let foremost = (*at).saturating_sub(2)..*at;
+        own > least
+            && foremost.into_iter().all(|before| size(before) < own)
+            && (*at + 1..*at + 3).all(|after| size(after) <= own)
+    };
+    let of = |at: usize| Jump { row: at + 2, by: beyond[at] };
+    (0..beyond.len()).filter(is_jump).map(of).collect()
+}
+
+/// Whether a column is a position (rad or m).
+fn is_position(column: &str) -> bool {
+    column.ends_with("_rad") || column.ends_with("_m")
+}
+
+/// What a person should check about a column's jumps.
+pub(super) fn jumping(column: &str, values: &[f64], first_row: u64) -> Option<Finding> {
+    let found = if is_position(column) { jumps(values) } else { Vec::new() };
+    let first = found.first()?;
+    let largest = found.iter().map(|jump| jump.by.abs()).fold(0.0, f64::max);
+    let unit = if column.ends_with("_rad") { "rad" } else { "m" };
+    let how = match found.len() {
+        1 => format!("once from a row to the next, by {largest:.3e} {unit}"),
+        times => format!("{times} times from a row to the next, by up to {largest:.3e} {unit}"),
+    };
+    Some(Finding {
+        column: column.to_owned(),
+        kind: FindingKind::Jumping,
+        first_row: first_row + first.row as u64,
+        rows: found.len() as u64,
+        text: format!(
+            "jumps {how}, as no machine moves: the encoder lost or regained counts, or a reading \
+             is wrong; check the encoder's cable, supply and highest count rate"
+        ),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A movement in encoder counts of 1.57 mrad, at 2 kHz.
+    fn movement(rows: usize) -> Vec<f64> {
+        let count = std::f64::consts::TAU / 4000.0;
+        let at = |row: usize| 0.5 * (0.004 * row as f64).sin() + 0.1 * (0.03 * row as f64).sin();
+        (0..rows).map(|row| (at(row) / count).round() * count).collect()
+    }
+
+    #[test]
+    fn lost_counts_are_found_with_row_and_size_and_movement_is_not() {
+        assert_eq!(jumps(&movement(8000)), vec![]);
+        let mut lost = movement(8000);
+        lost[3000..].iter_mut().for_each(|position| *position -= 0.03);
+        lost[5000..].iter_mut().for_each(|position| *position += 0.02);
+        let found = jumps(&lost);
+        let rows: Vec<usize> = found.iter().map(|jump| jump.row).collect();
+        assert_eq!(rows, [3000, 5000]);
+        assert!((found[0].by + 0.03).abs() < 3e-3 && (found[1].by - 0.02).abs() < 3e-3);
+    }
+
+    #[test]
+    fn one_wrong_reading_is_a_jump_there() {
+        let mut wrong = movement(4000);
+        wrong[1500] += 0.5;
+        let rows: Vec<usize> = jumps(&wrong).iter().map(|jump| jump.row).collect();
+        assert!(rows.iter().all(|row| (1500..=1501).contains(row)) && !rows.is_empty(), "{rows:?}");
+    }
+
+    #[test]
+    fn sparse_rows_of_a_fast_movement_have_no_jumps() {
+        let sparse: Vec<f64> = movement(40_000).iter().step_by(20).copied().collect();
+        assert_eq!(jumps(&sparse), vec![]);
+        assert!(jumps(&[0.0, 1.0]).is_empty() && jumps(&[0.25; 50]).is_empty());
+    }
+
+    #[test]
+    fn positions_alone_are_checked() {
+        let mut lost = movement(4000);
+        lost[2000..].iter_mut().for_each(|position| *position += 0.03);
+        assert_eq!(jumping("slave_torque_nm", &lost, 2), None);
+        assert_eq!(jumping("motor_v", &lost, 2), None);
+        let found = jumping("slave_rad", &lost, 2).map(|found| (found.first_row, found.rows));
+        assert_eq!(found, Some((2002, 1)));
+        assert!(jumping("position_m", &lost, 2).is_some());
+    }
+}
