@@ -331,6 +331,7 @@ mod tests {
                 better: 1,
                 worse: 0,
                 accepted: true,
+                over_octaves: false,
             },
             rivals: rival.into_iter().collect(),
             fitted,

@@ -369,7 +369,10 @@ impl Search<'_> {
             self.found.conclude_early(deadline, what, at_floor);
             return self.found;
         }
-        let mut inadequate = floor.refutes(!self.found.steps.is_empty());
+        // What passed octave by octave must have taken what showed that something was missing.
+        let by_octaves = self.found.steps.iter().any(|step| step.added.over_octaves);
+        let mut inadequate =
+            floor.refutes(!self.found.steps.is_empty()) || (by_octaves && coloured);
         let declared = &self.found.base;
         // Inadequate effects would distort a function beside them.
         let mut nonparametric =
