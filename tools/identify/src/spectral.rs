@@ -154,6 +154,12 @@ pub fn octave_powers(signal: &[f64]) -> Option<[f64; OCTAVES]> {
     (segments > 0.0).then(|| powers.map(|power| scale * power / segments))
 }
 
+/// Logarithms of [`octave_powers`]; finite where nothing is left.
+pub fn octave_logarithms(signal: &[f64]) -> Option<[f64; OCTAVES]> {
+    let powers = octave_powers(signal)?;
+    Some(powers.map(|power| power.max(f64::MIN_POSITIVE).ln()))
+}
+
 /// Power over frequency (Hz) of a signal, with bins four times finer than its length resolves. Rows
 /// that are to be left out must be 0.
 pub fn periodogram(signal: &[f64], sampling: f64) -> Vec<(f64, f64)> {

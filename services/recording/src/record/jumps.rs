@@ -5,8 +5,8 @@ use super::{Finding, FindingKind};
 /// Least size of a jump in the smallest steps of the column, which are encoder counts.
 const LEAST_COUNTS: f64 = 8.0;
 /// Least size in multiples of [`USUAL`] of the unevenness of the rows: where they are sparse, a
-/// machine may accelerate noticeably between two of them. Measured machines, at 100 Hz to 4 kHz,
-/// reached half of it at most.
+/// machine may accelerate noticeably between two of them. Measured machines reached two thirds
+/// of it at most.
 const LEAST_UNEVENNESS: f64 = 8.0;
 /// The quantile of the unevenness that counts as usual.
 const USUAL: f64 = 0.99;

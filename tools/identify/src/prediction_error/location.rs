@@ -4,7 +4,7 @@
 use plant::effects::Site;
 
 use super::nonparametric::Variable;
-use super::record::Record;
+use super::record::{Record, range};
 use super::residual_regression::Dependence;
 
 /// A place is accepted if it leaves less than this share unexplained. Over effects of many kinds,
@@ -43,19 +43,13 @@ impl JumpingEncoder {
         if all(side).count() < FEWEST_JUMPS {
             return None;
         }
-        let span = |values: &mut dyn Iterator<Item = f64>| {
-            let (low, high) = values
-                .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), own| {
-                    (low.min(own), high.max(own))
-                });
-            high - low
-        };
         let positions = records.iter().filter_map(|record| match side {
             1 => record.slave.as_ref(),
             _ => Some(&record.master),
         });
-        let range = span(&mut positions.flatten().copied());
-        let at_one_place = span(&mut all(side)) <= SAME_PLACE * range;
+        let whole: Vec<f64> = positions.flatten().copied().collect();
+        let places: Vec<f64> = all(side).collect();
+        let at_one_place = range(&places) <= SAME_PLACE * range(&whole);
         Some(Self { of_slave: side == 1, at_one_place })
     }
 

@@ -10,7 +10,7 @@ use super::dataset::Dataset;
 use super::record::{Record, repeats, rms};
 use super::transmission_model::{Channel, Residual, SMOOTHING_SHAPE, Setting, TransmissionModel};
 use crate::equation_error::block_roles::Role;
-use crate::spectral::{OCTAVES, octave_powers, white_shares};
+use crate::spectral::{OCTAVES, octave_logarithms, white_shares};
 
 /// Repeated records with an error within this factor of the repeatability are at the noise floor.
 const AT_FLOOR: f64 = 1.2;
@@ -102,7 +102,7 @@ pub fn repeat_differences(
 pub struct OctaveRatios {
     /// The channel.
     pub channel: Channel,
-    /// Ratio in each octave, the highest first ([`octave_powers`]).
+    /// Ratio in each octave, the highest first ([`octave_logarithms`]).
     pub ratios: [f64; OCTAVES],
     /// Whether the floor is that of repeated records; else it is white noise of the power in the
     /// highest octave, where a machine hardly moves.
@@ -124,10 +124,8 @@ impl OctaveRatios {
 /// Geometric mean over some signals of their power in each octave; `None` if all are short.
 fn typical_powers<'a>(signals: impl Iterator<Item = &'a Vec<f64>>) -> Option<[f64; OCTAVES]> {
     let (mut logs, mut count) = ([0.0; OCTAVES], 0.0);
-    for powers in signals.filter_map(|signal| octave_powers(signal)) {
-        for (log, power) in logs.iter_mut().zip(powers) {
-            *log += power.max(f64::MIN_POSITIVE).ln();
-        }
+    for own in signals.filter_map(|signal| octave_logarithms(signal)) {
+        logs.iter_mut().zip(own).for_each(|(sum, own)| *sum += own);
         count += 1.0;
     }
     (count > 0.0).then(|| logs.map(|log| (log / count).exp()))

@@ -4,7 +4,7 @@ use plant::effects::{Site, entry};
 
 use super::record::rms;
 use super::transmission_model::Residual;
-use crate::spectral::{OCTAVES, octave_powers};
+use crate::spectral::{OCTAVES, octave_logarithms};
 
 /// Least gain of a second effect on the selecting records: decrease of the logarithm of the rms
 /// error, summed over channels.
@@ -185,9 +185,10 @@ pub fn validate_beside(
         && !harmed;
     let gain = gain.min(total);
     let in_sum = Validation { id, site, gain, t, better, worse, accepted, over_octaves: false };
-    let over_octaves = gain_over_octaves(before, after)
-        .filter(|gain| !accepted && *gain >= least_over_octaves(effects));
-    match over_octaves {
+    if accepted {
+        return in_sum;
+    }
+    match gain_over_octaves(before, after).filter(|gain| *gain >= least_over_octaves(effects)) {
         Some(gain) => Validation { gain, accepted: true, over_octaves: true, ..in_sum },
         None => in_sum,
     }
@@ -197,21 +198,20 @@ pub fn validate_beside(
 /// channels, mean over records. Most noise is fast, and what a limit does in a few slow strokes may
 /// be four times the noise below 1 Hz and yet hardly show in the sum over all frequencies. `None`
 /// unless most records gain, none deteriorates, and no channel does; of short records
-/// ([`octave_powers`]) and of a single one; and without the slave's position, whose creep is slow.
+/// ([`octave_logarithms`]), of a single one, and without the slave's position: its creep is slow.
 fn gain_over_octaves(before: &[Residual], after: &[Residual]) -> Option<f64> {
     let fall = |before: &Vec<f64>, after: &Vec<f64>| -> Option<f64> {
-        let powers = [before, after].map(|rows| octave_powers(rows));
-        let [before, after] = powers.map(|powers| powers.map(|own| own.map(positive_logarithm)));
-        let falls = before?.into_iter().zip(after?).map(|(before, after)| 0.5 * (before - after));
+        let (before, after) = (octave_logarithms(before)?, octave_logarithms(after)?);
+        let falls = before.into_iter().zip(after).map(|(before, after)| 0.5 * (before - after));
         Some(falls.sum::<f64>() / OCTAVES as f64)
     };
     let of_record = |(before, after): (&Residual, &Residual)| -> Option<Vec<f64>> {
         before.channels.iter().zip(&after.channels).map(|(b, a)| fall(b, a)).collect()
     };
-    let falls: Vec<Vec<f64>> = before.iter().zip(after).map(of_record).collect::<Option<_>>()?;
-    if falls.len() < 2 || before.iter().any(|record| !record.slave_observed) {
+    if before.len() < 2 || before.iter().any(|record| !record.slave_observed) {
         return None;
     }
+    let falls: Vec<Vec<f64>> = before.iter().zip(after).map(of_record).collect::<Option<_>>()?;
     let count = falls.len() as f64;
     let sums: Vec<f64> = falls.iter().map(|channels| channels.iter().sum()).collect();
     let gain = sums.iter().sum::<f64>() / count;
@@ -224,11 +224,6 @@ fn gain_over_octaves(before: &[Residual], after: &[Residual]) -> Option<f64> {
         of.sum::<f64>() / count < -MAY_LOSE_SHARE * gain
     });
     (2 * better > falls.len() && !worse && !harmed).then_some(gain)
-}
-
-/// Logarithm of a power, which may be zero where nothing is left.
-fn positive_logarithm(power: f64) -> f64 {
-    power.max(f64::MIN_POSITIVE).ln()
 }
 
 #[cfg(test)]
