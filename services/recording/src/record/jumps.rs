@@ -40,7 +40,12 @@ pub fn jumps(position: &[f64]) -> Vec<Jump> {
         let own = size(*at);
         // The rows before and after it are off by half of it, the other way.
         let foremost = (*at).saturating_sub(2)..*at;
+        // A machine that meets a stop, or a channel at the end of its range, changes its speed
+        // and keeps the new one; behind a jump the speed is the one before.
+        let before = steps[(*at).saturating_sub(1)];
+        let behind = steps[(*at + 3).min(steps.len() - 1)];
         own > least
+            && (behind - before).abs() < own
             && foremost.into_iter().all(|before| size(before) < own)
             && (*at + 1..*at + 3).all(|after| size(after) <= own)
     };
@@ -111,6 +116,18 @@ mod tests {
         let sparse: Vec<f64> = movement(40_000).iter().step_by(20).copied().collect();
         assert_eq!(jumps(&sparse), vec![]);
         assert!(jumps(&[0.0, 1.0]).is_empty() && jumps(&[0.25; 50]).is_empty());
+    }
+
+    #[test]
+    fn a_stop_and_the_end_of_a_range_are_no_jumps() {
+        let at = |row: usize| (0.01 * row as f64).sin();
+        for end in [0.3, 0.55, 0.8] {
+            let stopped: Vec<f64> = (0..2000).map(|row| at(row).clamp(-end, end)).collect();
+            assert_eq!(jumps(&stopped), vec![], "{end}");
+            // A hand that meets a stop and is thrown back from it.
+            let thrown = |row: usize| end - (at(row) - end).abs();
+            assert_eq!(jumps(&(0..2000).map(thrown).collect::<Vec<_>>()), vec![], "{end}");
+        }
     }
 
     #[test]
