@@ -22,8 +22,9 @@ pub enum Verdict {
     Unlisted,
     /// The model describes the records badly, and neither listed effects nor a function of one
     /// variable explain most of the error; or something explains a good part of it without being
-    /// significant. No effect is named. Not for transmissions, where this is [`Verdict::Unlisted`]
-    /// without a function.
+    /// significant. No effect is named. Of a transmission: the declared model is refuted, but the
+    /// time limit ended the search before every listed effect was tried; where all were, this is
+    /// [`Verdict::Unlisted`].
     Inadequate,
     /// Whether an effect is missing is open: the time limit ended the search before every effect
     /// was tried, and the error is above the noise floor or that is not known; or no record of a

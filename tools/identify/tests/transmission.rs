@@ -9,6 +9,7 @@ use identify::deadline::{Deadline, NEVER};
 use identify::equation_error::block_roles::Role;
 use identify::prediction_error::candidates::{Candidate, candidates, free_parameters_of};
 use identify::prediction_error::dataset::Dataset;
+use identify::prediction_error::floor_comparison::FloorComparison;
 use identify::prediction_error::free_parameter::FreeParameter;
 use identify::prediction_error::noise_floor::{above_floor, errors};
 use identify::prediction_error::parametric_bootstrap::{
@@ -43,10 +44,13 @@ fn found_without_slave() -> SearchResult {
     found_in((0..5).map(record).collect()).1
 }
 
-fn found_in(mut records: Vec<Record>) -> (TransmissionModel, SearchResult) {
+fn model_of(mut records: Vec<Record>) -> TransmissionModel {
     share_out(&mut records, false);
-    let mut model =
-        TransmissionModel::new("hydrostatic.toml", &rig().model, records, Some(COUNT_RAD)).unwrap();
+    TransmissionModel::new("hydrostatic.toml", &rig().model, records, Some(COUNT_RAD)).unwrap()
+}
+
+fn found_in(records: Vec<Record>) -> (TransmissionModel, SearchResult) {
+    let mut model = model_of(records);
     let found = search(&mut model, &NEVER).unwrap();
     (model, found)
 }
@@ -100,6 +104,20 @@ fn without_the_slaves_encoder_nothing_is_named_that_is_not_missing() {
     let found = found_without_slave();
     assert!(found.steps.is_empty(), "{:?}", found.steps[0].added);
     assert!(!found.inadequate && found.unlisted_function.is_none());
+}
+
+/// An effect in one record alone, which fits: no candidate can pass on the others.
+#[test]
+fn an_effect_in_a_single_record_is_not_called_nothing() {
+    let effect = |turn| (turn == 2).then_some("backlash@slave=0.06");
+    let records: Vec<Record> =
+        (0..5).map(|turn| record(turn, effect(turn), turn == 4, 0.0)).collect();
+    let (model, found) = found_in(records);
+    let floor = FloorComparison::of(&model, &model.of_role(Role::Select), &found.base.setting);
+    let outlying = floor.outlying_record().map(|of| of.record);
+    assert_eq!((model.records[2].role, outlying), (Role::Fit, Some(2)), "{:?}", floor.largest);
+    let names: Vec<_> = found.steps.iter().map(|step| step.added.effect()).collect();
+    assert!(found.inadequate && names.is_empty(), "{names:?}");
 }
 
 #[test]
@@ -213,6 +231,7 @@ fn an_early_answer_keeps_what_was_finished_and_names_nothing_else() {
         // Backlash shows far above the floor: without it the question is open.
         assert_eq!(found.undecided, names.is_empty() && !found.inadequate);
         match found.unfinished {
+            Some(Unfinished::DeclaredModel) => assert!(found.undecided && names.is_empty()),
             Some(Unfinished::Candidates) if names.is_empty() => {
                 let tried = found.rounds.iter().flatten();
                 assert!(found.undecided && tried.into_iter().all(|tried| !tried.accepted));
@@ -220,6 +239,42 @@ fn an_early_answer_keeps_what_was_finished_and_names_nothing_else() {
             _ => assert_eq!(names, [("backlash", Site::Slave)]),
         }
     }
+}
+
+/// A search with a clock that stands at four fifths of the time from the end of the first fit of
+/// the declared model, or from the beginning.
+fn late_from(model: &TransmissionModel, fitted: bool) -> SearchResult {
+    let asked = Arc::new(AtomicUsize::new(0));
+    let count = Arc::clone(&asked);
+    let counting = Deadline::after(move || {
+        count.fetch_add(1, Ordering::Relaxed);
+        0.0
+    });
+    let [fit, select] =
+        [Role::Fit, Role::Select].map(|role| Dataset::of(model, role).until(&counting));
+    fit_base((&fit, &select)).unwrap();
+    let most = if fitted { asked.swap(0, Ordering::Relaxed) } else { 0 };
+    let late = move || if asked.fetch_add(1, Ordering::Relaxed) < most { 0.0 } else { 0.8 };
+    search(&mut model.clone(), &Deadline::after(late)).unwrap()
+}
+
+/// Effects are not tried any more, but the rest of the time tells where a refuted model lacks
+/// something.
+#[test]
+fn what_refutes_the_declared_model_is_placed_though_not_every_effect_was_tried() {
+    let found = late_from(&BACKLASH.0, true);
+    assert_eq!(found.unfinished, Some(Unfinished::Candidates));
+    assert!(found.steps.is_empty() && found.inadequate && !found.undecided);
+    assert!(found.unlisted_function.is_some() || found.localisation.is_some());
+    // A model that was not fitted is not refuted.
+    let found = late_from(&BACKLASH.0, false);
+    assert_eq!(found.unfinished, Some(Unfinished::DeclaredModel));
+    assert!(found.steps.is_empty() && !found.inadequate && found.undecided);
+    // Where nothing is missing, nothing is placed.
+    let model = model_of((0..5).map(|turn| record(turn, None, turn == 4, 0.0)).collect());
+    let found = late_from(&model, true);
+    assert_eq!(found.unfinished, Some(Unfinished::Candidates));
+    assert!(found.steps.is_empty() && !found.inadequate && found.localisation.is_none());
 }
 
 #[test]

@@ -61,6 +61,7 @@ pub(crate) fn sentences(outcome: &Outcome, located: bool) -> (Tone, String, Stri
     }
     match &outcome.unlisted {
         _ if !outcome.remains || outcome.verdict == Verdict::Unlisted => {}
+        _ if located && outcome.verdict == Verdict::Inadequate => {}
         None if !located && outcome.effects.is_empty() => {}
         None if !located && more_show(outcome) => {
             detail += " More than three effects show; the others are listed under “What is left”.";
@@ -117,6 +118,19 @@ fn bounds(at_bounds: &AtBounds) -> String {
     format!(" But {names} ended at {what}{taken}.")
 }
 
+/// What is said of a transmission whose declared model is refuted before every effect was tried.
+fn inadequate_early(outcome: &Outcome) -> String {
+    let place = |unlisted: &UnlistedTable| {
+        let on = unlisted.variable().map(|on| format!(", depending on {on}"));
+        format!(" {}{}", place_unlisted(&unlisted.site), on.unwrap_or_default())
+    };
+    let place = outcome.unlisted.as_ref().map_or(String::new(), place);
+    format!(
+        "The declared model does not describe this machine: something is missing{place}. A listed \
+         effect may explain it, as not every one was tried."
+    )
+}
+
 /// The verdict.
 fn verdict(outcome: &Outcome, located: bool) -> (Tone, String) {
     let named = |id: &str, site: &str| match located {
@@ -146,6 +160,7 @@ fn verdict(outcome: &Outcome, located: bool) -> (Tone, String) {
         Verdict::Inadequate if let Some(unsettled) = &outcome.unsettled => {
             (Tone::Warning, not_settled(unsettled))
         }
+        Verdict::Inadequate if located => (Tone::Warning, inadequate_early(outcome)),
         Verdict::Inadequate => (
             Tone::Warning,
             "The declared model does not describe this machine, and no listed effect explains \

@@ -21,6 +21,7 @@ use crate::outcome::{
     Verdict,
 };
 use crate::prediction_error::dataset::Dataset;
+use crate::prediction_error::floor_comparison::FloorComparison;
 use crate::prediction_error::free_parameter::{AT_BOUND, FreeParameter};
 use crate::prediction_error::identifiability::{Sensitivity, sensitivities};
 use crate::prediction_error::location::JumpingEncoder;
@@ -60,9 +61,28 @@ pub(super) fn conclude(
     let tests =
         |(channel, own): &(Channel, TestedResidual)| (channel.column().to_owned(), own.tests());
     outcome.residual_tests = tested.iter().map(tests).collect();
-    outcome.notes.extend(study.found.coloured.then(|| coloured(&tested)).flatten());
+    outcome.notes.extend(no_noise(study, &tested));
     let page = transmission_page::page(study, &outcome, tested)?;
     Some((outcome, page))
+}
+
+/// Notes on where the final model leaves what is no noise: in which octave, and in which record if
+/// it is a single one.
+fn no_noise(study: &Study<'_>, tested: &[(Channel, TestedResidual)]) -> Vec<String> {
+    let select = study.model.of_role(Role::Select);
+    let floor = FloorComparison::of(&study.model, &select, &study.found.last().setting);
+    let in_octave = floor.colour.filter(|colour| *colour > 1.0).and_then(|_| coloured(tested));
+    let in_record = floor.outlying_record().map(|of| {
+        format!(
+            "what remains is no noise: in {} the error of {} is {:.1} times the noise floor, as an \
+             effect leaves it that acts in this record alone; check that nothing disturbed it",
+            study.model.records[of.record].name,
+            of.channel.column(),
+            of.over_floor
+        )
+    });
+    let notes = in_octave.into_iter().chain(in_record);
+    notes.take_while(|_| study.found.coloured).collect()
 }
 
 /// A note on the octave of frequency in which the final model leaves most of the error.
@@ -86,6 +106,9 @@ fn outcome(study: &Study<'_>) -> Option<Outcome> {
     let remains = found.unlisted_function.is_some() || found.inadequate || found.coloured;
     let verdict = match Verdict::of(found.steps.len(), rivals.len(), remains) {
         _ if found.undecided => Verdict::Undecided,
+        Verdict::Unlisted if found.unfinished == Some(Unfinished::Candidates) => {
+            Verdict::Inadequate
+        }
         Verdict::None if found.hidden_by_friction => Verdict::Undecided,
         verdict => verdict,
     };
@@ -411,6 +434,7 @@ fn notes(study: &Study<'_>) -> Vec<String> {
         });
     let unfinished = study.found.unfinished.map(|what| {
         let left_out = match what {
+            Unfinished::DeclaredModel => "the declared model was not fitted to the end",
             Unfinished::Candidates => "not every effect was tried",
             Unfinished::Comparison => {
                 "the effects named were not compared with every alternative, and no further one \
@@ -446,7 +470,7 @@ fn next_experiment(study: &Study<'_>, verdict: Verdict) -> NextExperiment {
             "Without the slave's position its friction near zero speed is not known well enough.",
             "the same movements with the slave's encoder (slave_rad)",
         ),
-        Verdict::Undecided => NextExperiment::new(
+        Verdict::Undecided | Verdict::Inadequate => NextExperiment::new(
             "The search was not finished.",
             "nothing new: identify these records again with a larger --limit-s",
         ),

@@ -25,6 +25,9 @@
 //! - [`nonparametric_search`]: where such functions are tried, and how each validates;
 //! - [`validation`]: gains on records that took no part in the fit;
 //! - [`noise_floor`]: errors relative to the repeatability, in sum and octave by octave;
+//! - [`excess_over_floor`]: the error above the repeatability record by record, and how much of it
+//!   effects leave;
+//! - [`floor_comparison`]: a model against the floor, by all of these measures;
 //! - [`identifiability`]: what the records tell about each declared parameter;
 //! - [`localisation`]: where an unmodelled torque enters, from the responses to a [`probe_torque`]
 //!   at each place;
@@ -49,8 +52,10 @@ pub mod backward_elimination;
 pub mod candidates;
 mod covariance;
 pub mod dataset;
+pub mod excess_over_floor;
 pub mod fit;
 mod fit_problem;
+pub mod floor_comparison;
 pub mod free_parameter;
 mod growing_basis;
 mod handle_coupling;

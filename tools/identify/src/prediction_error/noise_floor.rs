@@ -13,7 +13,7 @@ use crate::equation_error::block_roles::Role;
 use crate::spectral::{OCTAVES, octave_logarithms, white_shares};
 
 /// Repeated records with an error within this factor of the repeatability are at the noise floor.
-const AT_FLOOR: f64 = 1.2;
+pub(super) const AT_FLOOR: f64 = 1.2;
 /// The same factor for records of other movements.
 const OTHERS_AT_FLOOR: f64 = 1.6;
 /// Repeated records within this factor of the floor need no further fit.
@@ -21,10 +21,7 @@ const WELL_AT_FLOOR: f64 = 1.08;
 /// The same factor for records of other movements.
 const OTHERS_WELL_AT_FLOOR: f64 = 1.25;
 /// Repeated records beyond this factor of the floor refute every listed effect.
-const INADEQUATE: f64 = 1.6;
-/// The same factor for effects that leave noise octave by octave: in stick-slip one of two repeated
-/// records may take the other branch for a while, which dominates the sum.
-const INADEQUATE_THOUGH_NOISE: f64 = 2.0;
+pub(super) const INADEQUATE: f64 = 1.6;
 /// The same factor for records of other movements.
 const OTHERS_INADEQUATE: f64 = 5.0;
 /// Change of the friction's smoothing shape that stands for what is not known of it.
@@ -38,10 +35,6 @@ const MOST_COLOUR: f64 = 1.5;
 const MOST_COLOUR_SLAVE: f64 = 2.0;
 /// Twice as much where nothing is repeated, and the floor is that of white noise.
 const UNREPEATED: f64 = 2.0;
-/// Multiple of those limits beyond which a model is refuted whatever it gained.
-const REFUTED_COLOUR: f64 = 2.0;
-/// Colour below which an error is as white as those of right models mostly are.
-const WHITE: f64 = 0.7;
 /// Differences below this share of the movement's rms are ignored.
 const LEAST_SHARE: f64 = 5e-4;
 
@@ -70,15 +63,24 @@ fn errors_of(
         if rows.is_empty() {
             continue;
         }
-        let mut floors: Vec<f64> = repeat_differences(model, &pairs, residuals, channel)
-            .into_iter()
-            .map(|difference| rms(difference.into_iter()))
-            .collect();
-        floors.sort_by(f64::total_cmp);
-        let floor = floors.get(floors.len() / 2).copied();
+        let floor = floor_of(model, &pairs, residuals, channel);
         out.push((channel, rms(rows.into_iter()), floor));
     }
     out
+}
+
+/// The noise floor of a channel: rms difference of repeated records over √2, median over pairs.
+pub(super) fn floor_of(
+    model: &TransmissionModel,
+    pairs: &[(usize, usize)],
+    residuals: &[Residual],
+    channel: Channel,
+) -> Option<f64> {
+    let differences = repeat_differences(model, pairs, residuals, channel);
+    let mut floors: Vec<f64> =
+        differences.into_iter().map(|difference| rms(difference.into_iter())).collect();
+    floors.sort_by(f64::total_cmp);
+    floors.get(floors.len() / 2).copied()
 }
 
 /// Returns the differences of repeated records ([`repeats`]) in a channel over √2, row by row, for
@@ -162,7 +164,11 @@ pub fn octave_ratios(
 
 /// The largest [`OctaveRatios::colour`] of the channels; `None` where it is not known, and where no
 /// record has the slave's position: its creep, which no model predicts then, is slow.
-fn colour(model: &TransmissionModel, records: &[usize], residuals: &[Residual]) -> Option<f64> {
+pub(super) fn colour(
+    model: &TransmissionModel,
+    records: &[usize],
+    residuals: &[Residual],
+) -> Option<f64> {
     if model.slave_unobserved() {
         return None;
     }
@@ -206,7 +212,7 @@ pub struct AboveFloor {
     pub others: f64,
     /// Both with a floor that includes what the friction's unknown passage through zero speed
     /// changes, where no record has the slave's position; otherwise as above.
-    beside_friction: [f64; 2],
+    pub(super) beside_friction: [f64; 2],
 }
 
 impl AboveFloor {
@@ -225,7 +231,7 @@ impl AboveFloor {
         self.exceeds(INADEQUATE)
     }
 
-    fn exceeds(&self, most: f64) -> bool {
+    pub(super) fn exceeds(&self, most: f64) -> bool {
         let [repeated, others] = self.beside_friction;
         repeated > most || others > OTHERS_INADEQUATE
     }
@@ -236,66 +242,8 @@ impl AboveFloor {
     }
 }
 
-/// How far the error of a model lies above the noise floor.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct FloorComparison {
-    /// In the sum over all frequencies; `None` if nothing is repeated.
-    pub in_sum: Option<AboveFloor>,
-    /// Over the octaves, relative to the limit of noise ([`OctaveRatios::colour`]), in the worst
-    /// channel; `None` if not known.
-    pub colour: Option<f64>,
-}
-
-impl FloorComparison {
-    /// Of a setting, along some records; nothing is known where one cannot be simulated.
-    pub fn of(model: &TransmissionModel, records: &[usize], setting: &Setting) -> Self {
-        let Some(residuals) = Dataset::whole(model).residuals(setting) else {
-            return Self::default();
-        };
-        Self {
-            in_sum: above_floor_of(model, records, &repeated(model), (setting, &residuals)),
-            colour: colour(model, records, &residuals),
-        }
-    }
-
-    /// Whether nothing is left to explain in the sum over all frequencies.
-    pub fn at_floor_in_sum(&self) -> bool {
-        self.in_sum.is_some_and(|above| above.at_floor())
-    }
-
-    /// The same, as far as it is known: true where nothing is repeated.
-    pub fn may_be_at_floor_in_sum(&self) -> bool {
-        self.in_sum.is_none_or(|above| above.at_floor())
-    }
-
-    /// Whether what is left is no noise.
-    pub fn is_coloured(&self) -> bool {
-        self.colour.is_some_and(|colour| colour > 1.0)
-    }
-
-    /// Whether what is left is as white as right models mostly leave it, as far as that is known.
-    pub fn is_white(&self) -> bool {
-        self.colour.is_none_or(|colour| colour < WHITE)
-    }
-
-    /// Whether only noise is left, as far as that is known.
-    pub fn leaves_noise(&self) -> bool {
-        self.may_be_at_floor_in_sum() && !self.is_coloured()
-    }
-
-    /// Whether no listed effect is adequate, in the sum or over the octaves; without an effect
-    /// that was `named`, any colour tells that one is missing.
-    pub fn refutes(&self, named: bool) -> bool {
-        let most = if named { REFUTED_COLOUR } else { 1.0 };
-        let leaves_noise = named && self.colour.is_some_and(|colour| colour <= 1.0);
-        let most_in_sum = if leaves_noise { INADEQUATE_THOUGH_NOISE } else { INADEQUATE };
-        self.in_sum.is_some_and(|above| above.exceeds(most_in_sum))
-            || self.colour.is_some_and(|colour| colour > most)
-    }
-}
-
 /// The repeated records that do not report.
-fn repeated(model: &TransmissionModel) -> Vec<usize> {
+pub(super) fn repeated(model: &TransmissionModel) -> Vec<usize> {
     let pairs = repeats(&model.records);
     let mut repeated: Vec<usize> = pairs.into_iter().flat_map(|(a, b)| [a, b]).collect();
     repeated.sort_unstable();
@@ -321,7 +269,7 @@ pub fn above_floor(
 }
 
 /// As [`above_floor`], from the residuals of all records.
-fn above_floor_of(
+pub(super) fn above_floor_of(
     model: &TransmissionModel,
     records: &[usize],
     repeated: &[usize],
@@ -441,21 +389,6 @@ mod tests {
         // A ratio of zero is the least of colours, not an undefined one.
         let colour = OctaveRatios { channel: Channel::Torque, ratios, repeated: true }.colour();
         assert!(colour.is_finite() && colour < 1.0, "{colour}");
-    }
-
-    #[test]
-    fn effects_that_leave_noise_octave_by_octave_may_leave_more_in_sum() {
-        let above = |repeated: f64| AboveFloor {
-            repeated,
-            others: repeated,
-            beside_friction: [repeated; 2],
-        };
-        let refuted = |repeated: f64, colour: Option<f64>, named: bool| {
-            FloorComparison { in_sum: Some(above(repeated)), colour }.refutes(named)
-        };
-        assert!(!refuted(1.7, Some(0.8), true) && refuted(1.7, Some(0.8), false));
-        assert!(refuted(1.7, Some(1.2), true) && refuted(1.7, None, true));
-        assert!(refuted(2.1, Some(0.8), true) && !refuted(1.5, Some(1.2), true));
     }
 
     #[test]

@@ -18,8 +18,12 @@ use super::validation::{Validation, validate};
 /// many degrees of freedom.
 const LEAST_GAIN: f64 = 0.25;
 
-/// Least gain where listed effects are known to be inadequate.
-const LEAST_HINT: f64 = 0.15;
+/// Least gain where listed effects are known to be inadequate or to leave more than noise.
+pub(super) const LEAST_HINT: f64 = 0.15;
+/// The same, where they are inadequate, as a share of the gain of the best listed effect, if that
+/// passed before it was found inadequate: what explains much less tells no place. A line whose
+/// column separates was taken for an error of the drive by a function with 0.46 of it.
+const LEAST_HINT_SHARE: f64 = 0.6;
 
 /// Fit rounds of a function beside the declared parameters.
 const ROUNDS: usize = 3;
@@ -44,6 +48,13 @@ pub struct NonparametricResult {
     pub best: Option<UnlistedFunction>,
     /// Localisation, if listed effects are known to be inadequate.
     pub localisation: Option<Localisation>,
+}
+
+/// Least gain of a function where all listed effects are inadequate, from the first round of their
+/// selection.
+pub(super) fn least_hint(first_round: Option<&Vec<Validation>>) -> f64 {
+    let passed = first_round.into_iter().flatten().filter(|listed| listed.accepted);
+    passed.fold(LEAST_HINT, |least, listed| least.max(LEAST_HINT_SHARE * listed.gain))
 }
 
 /// Returns the 0.5 % and 99.5 % quantiles.
@@ -135,16 +146,16 @@ fn add_hat(setting: Setting, node: usize, units: f64) -> Setting {
 }
 
 /// Fits functions of one variable beside the current model and validates them on the selecting
-/// records. With `inadequate`, what the current model leaves is known to need more than a listed
-/// effect: functions are limited to the localised site, a smaller gain suffices, and the
-/// localisation is returned. No function is returned if the deadline left any out.
+/// records. With a `hint`, what the current model leaves is known to need more than a listed
+/// effect: functions are limited to the localised site, that gain suffices, and the localisation is
+/// returned. No function is returned if the deadline left any out.
 pub fn search_nonparametric(
     (fit, select): (&Dataset<'_>, &Dataset<'_>),
     now: &Fitted,
-    inadequate: bool,
+    hint: Option<f64>,
 ) -> NonparametricResult {
     let model = fit.model;
-    let localisation = if inadequate { localise((fit, select), &now.setting) } else { None };
+    let localisation = hint.and_then(|_| localise((fit, select), &now.setting));
     if fit.deadline.has_passed() {
         return NonparametricResult { localisation, ..NonparametricResult::default() };
     }
@@ -199,10 +210,9 @@ pub fn search_nonparametric(
     tried.sort_by(|a, b| b.validation.gain.total_cmp(&a.validation.gain));
     let validation = tried.iter().map(|tried| tried.validation.clone()).collect();
     // Without an adequate listed effect, a partial explanation is reported though it does not pass.
-    let enough = |tried: &UnlistedFunction| match inadequate {
-        _ if fit.deadline.left_work_out() => false,
-        true => tried.validation.gain >= LEAST_HINT,
-        false => tried.validation.accepted,
+    let enough = |tried: &UnlistedFunction| {
+        let hints = hint.is_some_and(|least| tried.validation.gain >= least);
+        !fit.deadline.left_work_out() && (hints || tried.validation.accepted)
     };
     let best = tried.into_iter().find(enough);
     let localisation = localisation.map(|localisation| {

@@ -15,9 +15,9 @@ use crate::deadline::Deadline;
 
 /// Runners-up of the first round that are also tried as the first effect.
 const TRIED: usize = 2;
-/// Share of the time limit after which no other first effect is tried: functions of one variable
-/// and comparisons need the rest.
-const UNTIL_SHARE: f64 = 0.5;
+/// Share of the time of the rounds after which no other first effect is tried: functions of one
+/// variable and comparisons need the rest.
+const UNTIL_SHARE: f64 = 0.65;
 
 /// The effect that a model has last.
 fn newest(fitted: &Fitted) -> Option<(&'static str, Site)> {
@@ -179,8 +179,8 @@ mod tests {
         kept.select_from_other_first_effects();
         assert_eq!(names(&kept), [("backlash", Site::Slave)]);
 
-        // After half of the time no other one is tried, and the result tells that.
-        let late = Deadline::after(|| 0.6);
+        // After two thirds of the time no other one is tried, and the result tells that.
+        let late = Deadline::after(|| 0.7);
         let mut cut = misled(&search, &wrong, &right);
         cut.fit.deadline = &late;
         cut.select_from_other_first_effects();

@@ -10,8 +10,11 @@ use super::backward_elimination::{
 };
 use super::candidates::{Candidate, candidates};
 use super::dataset::{Dataset, Fitted};
-use super::noise_floor::{FloorComparison, at_floor};
-use super::nonparametric_search::{NonparametricResult, search_nonparametric};
+use super::floor_comparison::FloorComparison;
+use super::noise_floor::at_floor;
+use super::nonparametric_search::{
+    LEAST_HINT, NonparametricResult, least_hint, search_nonparametric,
+};
 use super::record_features::record_features;
 use super::rectified_torque::{rectified_records, restore_signs};
 use super::refit::{fit_base, refit, refit_declared};
@@ -41,6 +44,9 @@ const EQUIVALENT_GAIN_SHARE: f64 = 0.75;
 const EQUIVALENT_FIT_ROUNDS: usize = 3;
 /// Colour below which a nonparametric function replaces named effects that leave no noise.
 const WHITER: f64 = 0.75;
+/// Share of the time limit after which no further effect is tried: what remains tells where an
+/// effect acts that has no name.
+const ROUNDS_SHARE: f64 = 0.75;
 /// Fit rounds with the other instrument.
 const CHOICE_FIT_ROUNDS: usize = 4;
 
@@ -58,10 +64,11 @@ pub fn search(model: &mut TransmissionModel, deadline: &Deadline) -> Option<Sear
             restore_signs(model, hands, &base.setting)?;
         }
     }
-    let mut search = Search::begin(model, deadline)?;
+    let rounds = deadline.part(ROUNDS_SHARE);
+    let mut search = Search::begin(model, &rounds)?;
     search.extend(|_| true);
     search.select_from_other_first_effects();
-    Some(search.conclude())
+    Some(search.conclude(deadline))
 }
 
 /// State of the selection.
@@ -95,12 +102,13 @@ impl<'a> Search<'a> {
             [Role::Fit, Role::Select].map(|role| Dataset::of(model, role).until(deadline));
         let base = fit_base((&fit, &select))?;
         let now = base.clone();
-        let found = SearchResult { base, ..SearchResult::default() };
+        let unfinished = deadline.left_work_out().then_some(Unfinished::DeclaredModel);
+        let found = SearchResult { base, unfinished, ..SearchResult::default() };
         Some(Self::of((fit, select), now, found))
     }
 }
 
-impl Search<'_> {
+impl<'a> Search<'a> {
     /// The error of a model on the selecting records against the noise floor.
     pub(super) fn against_floor(&self, fitted: &Fitted) -> FloorComparison {
         FloorComparison::of(self.fit.model, &self.select.records, &fitted.setting)
@@ -345,71 +353,77 @@ impl Search<'_> {
         }
     }
 
-    /// Decides on adequacy and searches nonparametric functions.
-    fn conclude(mut self) -> SearchResult {
+    /// Decides on adequacy and searches nonparametric functions, until a deadline that is later
+    /// than that of the rounds.
+    fn conclude(mut self, deadline: &'a Deadline) -> SearchResult {
+        let cut_short = self.fit.deadline.left_work_out();
+        self.fit = self.fit.until(deadline);
+        self.select = self.select.until(deadline);
         self.refit_declared();
         self.name_equivalents();
         self.compare_instruments();
         if let Some(step) = self.found.steps.last_mut() {
             step.fitted = self.now.clone();
         }
-        let deadline = self.fit.deadline;
         let floor = self.against_floor(&self.now);
         let coloured = floor.is_coloured();
         let at_floor = floor.at_floor_in_sum() && !coloured;
-        if deadline.left_work_out() {
-            // Names that leave the error far above the repeatability are no names.
-            if floor.in_sum.is_some_and(|above| above.inadequate()) {
-                self.found.give_up_all();
-            }
-            let what = match self.found.steps.is_empty() {
-                true => Unfinished::Candidates,
-                false => Unfinished::Comparison,
-            };
-            self.found.conclude_early(deadline, what, at_floor);
+        // Names that leave the error far above the repeatability are no names.
+        if cut_short && floor.in_sum.is_some_and(|above| above.inadequate()) {
+            self.found.give_up_all();
+        }
+        let what = match self.found.steps.is_empty() {
+            true => Unfinished::Candidates,
+            false => Unfinished::Comparison,
+        };
+        if cut_short {
+            self.found.unfinished.get_or_insert(what);
+        }
+        let mut inadequate = self.found.is_refuted(self.views(), &floor);
+        // A fitted model that is refuted lacks something, whatever was not tried: it is placed.
+        let refuted = inadequate && self.found.unfinished != Some(Unfinished::DeclaredModel);
+        if (cut_short && !refuted) || deadline.has_passed() {
+            self.found.conclude_early(true, what, at_floor);
             return self.found;
         }
-        // What passed octave by octave must have taken what showed that something was missing.
-        let by_octaves = self.found.steps.iter().any(|step| step.added.over_octaves);
-        let mut inadequate =
-            floor.refutes(!self.found.steps.is_empty()) || (by_octaves && coloured);
-        let declared = &self.found.base;
         // Inadequate effects would distort a function beside them.
-        let mut nonparametric =
-            inadequate.then(|| search_nonparametric(self.views(), declared, true));
-        // A listed effect must not lose against a single nonparametric function.
+        let declared = &self.found.base;
+        let mut nonparametric = inadequate.then(|| {
+            let hint = least_hint(self.found.rounds.first());
+            search_nonparametric(self.views(), declared, Some(hint))
+        });
         if !inadequate && !at_floor && !self.found.steps.is_empty() {
-            let anonymous = search_nonparametric(self.views(), declared, false);
-            if let Some(best) = anonymous.best.as_ref().filter(|best| best.validation.accepted) {
-                let [named, unlisted_function] =
-                    [&self.now, &best.fitted].map(|fitted| self.select.residuals(&fitted.setting));
-                let by = (self.found.steps.iter().map(|step| step.added.effect()))
-                    .find(|(id, _)| is_bistable(id))
-                    .unwrap_or(best.validation.effect());
-                let more = named.zip(unlisted_function).map(|(named, unlisted_function)| {
-                    validate(by, &named, &unlisted_function).gain
-                });
-                let function = self.against_floor(&best.fitted);
-                let whiter = coloured && function.colour.is_some_and(|colour| colour < WHITER);
-                if whiter || more.is_some_and(|more| more >= LEAST_GAIN) {
-                    (inadequate, nonparametric) = (true, Some(anonymous));
-                }
-            }
+            nonparametric = self.function_instead(coloured);
+            inadequate = nonparametric.is_some();
         }
         let nonparametric = match nonparametric {
             Some(nonparametric) => nonparametric,
             None if at_floor => NonparametricResult::default(),
-            None => search_nonparametric(self.views(), &self.now, coloured),
+            None => search_nonparametric(self.views(), &self.now, coloured.then_some(LEAST_HINT)),
         };
-        self.found.set_nonparametric(nonparametric);
-        self.found.inadequate = inadequate;
-        self.found.set_coloured(&self.select, coloured);
-        if inadequate {
-            self.found.give_up_all();
-        }
-        self.found.conclude_early(deadline, Unfinished::Functions, at_floor);
+        self.found.take_nonparametric(&self.select, nonparametric, (inadequate, coloured));
+        let functions_left_out = deadline.left_work_out();
+        self.found.conclude_early(functions_left_out, Unfinished::Functions, at_floor);
         let in_sum = floor.in_sum;
         self.found.hidden_by_friction = in_sum.is_some_and(|above| above.hidden_by_friction());
         self.found
+    }
+
+    /// A single nonparametric function that explains more than the effects named, which leave what
+    /// is `coloured` or not: listed effects must not lose against it.
+    fn function_instead(&self, coloured: bool) -> Option<NonparametricResult> {
+        let anonymous = search_nonparametric(self.views(), &self.found.base, None);
+        let best = anonymous.best.as_ref().filter(|best| best.validation.accepted)?;
+        let [named, unlisted_function] =
+            [&self.now, &best.fitted].map(|fitted| self.select.residuals(&fitted.setting));
+        let by = (self.found.steps.iter().map(|step| step.added.effect()))
+            .find(|(id, _)| is_bistable(id))
+            .unwrap_or(best.validation.effect());
+        let more = named
+            .zip(unlisted_function)
+            .map(|(named, unlisted_function)| validate(by, &named, &unlisted_function).gain);
+        let function = self.against_floor(&best.fitted);
+        let whiter = coloured && function.colour.is_some_and(|colour| colour < WHITER);
+        (whiter || more.is_some_and(|more| more >= LEAST_GAIN)).then_some(anonymous)
     }
 }
