@@ -72,7 +72,8 @@ fn no_noise(study: &Study<'_>, tested: &[(Channel, TestedResidual)]) -> Vec<Stri
     let select = study.model.of_role(Role::Select);
     let floor = FloorComparison::of(&study.model, &select, &study.found.last().setting);
     let in_octave = floor.colour.filter(|colour| *colour > 1.0).and_then(|_| coloured(tested));
-    let in_record = floor.outlying_record().map(|of| {
+    let alone = floor.outlying_record().filter(|_| in_octave.is_none() && floor.at_floor_in_sum());
+    let in_record = alone.map(|of| {
         format!(
             "what remains is no noise: in {} the error of {} is {:.1} times the noise floor, as an \
              effect leaves it that acts in this record alone; check that nothing disturbed it",
