@@ -12,7 +12,9 @@
 //! - an error of the torque sensor: a torque on the slave, but only while a hand is at the handle.
 //!
 //! If none of them explains most of it, the effect acts between master and slave, as compliance,
-//! leakage and backlash of the line do.
+//! leakage and backlash of the line do. Where master and slave show noise alone, and the torque
+//! sensor reads more than that without a hand, the sensor is wrong: no torque at the machine does
+//! that.
 
 use std::f64::consts::PI;
 use std::sync::Arc;
@@ -23,7 +25,7 @@ use rayon::prelude::*;
 
 use super::dataset::Dataset;
 use super::location::{Localisation, Location};
-use super::noise_floor::repeat_differences;
+use super::noise_floor::{OctaveRatios, octave_ratios, repeat_differences};
 use super::probe_torque::{Action, ProbeTorque, random_signs};
 use super::record::{repeats, rms};
 use super::transmission_model::{Channel, Residual, Setting, TransmissionModel};
@@ -196,8 +198,11 @@ fn white_spectra(residuals: &[Residual]) -> Spectra {
 }
 
 /// Localises the unmodelled torque from the fitting and selecting records. `None` without a slave
-/// encoder, with too short records, or if only noise is left. The noise spectrum is that of
-/// repeated records; without them, white.
+/// encoder, with too short records, or if only noise is left.
+///
+/// The noise is taken from repeated records, and as white. The former contains what moves the
+/// machine at random, but also an effect that does not repeat, and its spectra have few segments:
+/// the noise with which the place is clearer counts.
 pub fn localise(
     (fit, select): (&Dataset<'_>, &Dataset<'_>),
     setting: &Setting,
@@ -222,14 +227,12 @@ pub fn localise(
         .collect();
     let [masters, slaves] = [Channel::Master, Channel::Slave]
         .map(|channel| repeat_differences(model, &pairs, &all, channel));
-    let mut noise =
+    let of_repeats =
         spectra(masters.iter().map(Vec::as_slice).zip(slaves.iter().map(Vec::as_slice)));
-    if noise.segments < 2.0 {
-        noise = white_spectra(&here);
-    }
-    if noise.segments < 2.0 {
-        return None;
-    }
+    let noises: Vec<Spectra> = [of_repeats, white_spectra(&here)]
+        .into_iter()
+        .filter(|noise| noise.segments >= 2.0)
+        .collect();
     let longest = records.iter().map(|record| model.records[*record].volts.len()).max()?;
     let listener = ProbeExperiment {
         model,
@@ -239,7 +242,23 @@ pub fn localise(
         pace_s,
         random_signs: random_signs(longest + HELD),
     };
-    listener.localise(&noise)
+    let in_reading_alone = in_reading_alone(model, &listener.records, &all);
+    match listener.localise(&noises) {
+        Some(found) => Some(Localisation { in_reading_alone, ..found }),
+        None if in_reading_alone => Some(Localisation { in_reading_alone, ..Default::default() }),
+        None => None,
+    }
+}
+
+/// Whether the reading of the torque sensor without a hand is the only channel that shows more than
+/// noise. `residuals` are those of all records.
+fn in_reading_alone(model: &TransmissionModel, records: &[usize], residuals: &[Residual]) -> bool {
+    let ratios = octave_ratios(model, records, residuals);
+    let coloured = |reading: bool| {
+        let of = |own: &&OctaveRatios| (own.channel == Channel::Torque) == reading;
+        ratios.iter().filter(of).any(|own| own.colour() > 1.0)
+    };
+    coloured(true) && !coloured(false)
 }
 
 /// Power left by a torque at each place and total power, both relative to noise and summed over
@@ -251,42 +270,66 @@ struct Sums {
 }
 
 impl ProbeExperiment<'_> {
-    fn localise(&self, noise: &Spectra) -> Option<Localisation> {
+    fn localise(&self, noises: &[Spectra]) -> Option<Localisation> {
         let changes =
             [Action::Torque(Site::Master), Action::Torque(Site::Slave), Action::MovingMass]
                 .map(|action| self.scaled_response(action))
                 .into_iter()
                 .collect::<Option<Vec<_>>>()?;
         let causes: Vec<Vec<f64>> = self.records.iter().map(|record| self.cause(*record)).collect();
-        let (mut sums, mut kinds) = (Sums::default(), 0);
-        for idle in [true, false] {
-            let of: Vec<usize> = (0..self.records.len())
-                .filter(|at| self.model.records[self.records[*at]].idle == idle)
-                .collect();
-            if of.is_empty() {
-                continue;
-            }
-            kinds += 1;
-            let left = spectra(of.iter().map(|at| {
-                let channels = &self.here[*at].channels;
-                (channels[0].as_slice(), channels[1].as_slice())
-            }));
-            let known = |changes: &Vec<[Vec<f64>; 2]>| {
-                responses(of.iter().map(|at| (causes[*at].as_slice(), changes[*at].clone())))
-            };
-            sums.add(&left, noise, &changes.iter().map(known).collect::<Vec<_>>(), idle);
-        }
-        if sums.missing <= 0.0 {
-            return None;
-        }
-        let places = [Location::Master, Location::Slave, Location::Line, Location::Cell];
-        let left =
-            places.into_iter().zip(sums.left.map(|left| (left / sums.missing).clamp(0.0, 1.0)));
-        Some(Localisation {
-            left: left.filter(|(place, _)| *place != Location::Cell || kinds == 2).collect(),
-            dependence: None,
-        })
+        let known: Vec<KnownResponses> = [true, false]
+            .into_iter()
+            .filter_map(|idle| self.known_responses(idle, &changes, &causes))
+            .collect();
+        let found = noises.iter().filter_map(|noise| left_by_place(&known, noise));
+        found.min_by(|a, b| a.least_at_a_side().total_cmp(&b.least_at_a_side()))
     }
+
+    /// Spectra of the residuals and responses to the probe, of the records without a hand or with
+    /// one; `None` where there are none.
+    fn known_responses(
+        &self,
+        idle: bool,
+        changes: &[Vec<[Vec<f64>; 2]>],
+        causes: &[Vec<f64>],
+    ) -> Option<KnownResponses> {
+        let of: Vec<usize> = (0..self.records.len())
+            .filter(|at| self.model.records[self.records[*at]].idle == idle)
+            .collect();
+        let left = spectra(of.iter().map(|at| {
+            let channels = &self.here[*at].channels;
+            (channels[0].as_slice(), channels[1].as_slice())
+        }));
+        let known = |changes: &Vec<[Vec<f64>; 2]>| {
+            responses(of.iter().map(|at| (causes[*at].as_slice(), changes[*at].clone())))
+        };
+        let responses = changes.iter().map(known).collect();
+        (!of.is_empty()).then_some(KnownResponses { idle, left, responses })
+    }
+}
+
+/// Spectra of the residuals, and responses to the probe at each place, of records of one kind.
+struct KnownResponses {
+    /// Whether nobody is at the handle.
+    idle: bool,
+    left: Spectra,
+    responses: Vec<Vec<Vector2<Complex<f64>>>>,
+}
+
+/// What torques at each place leave; `None` if only noise is left.
+fn left_by_place(known: &[KnownResponses], noise: &Spectra) -> Option<Localisation> {
+    let mut sums = Sums::default();
+    for KnownResponses { idle, left, responses } in known {
+        sums.add(left, noise, responses, *idle);
+    }
+    if sums.missing <= 0.0 {
+        return None;
+    }
+    let places = [Location::Master, Location::Slave, Location::Line, Location::Cell];
+    let left = places.into_iter().zip(sums.left.map(|left| (left / sums.missing).clamp(0.0, 1.0)));
+    // The torque cell needs records of both kinds.
+    let left = left.filter(|(place, _)| *place != Location::Cell || known.len() == 2).collect();
+    Some(Localisation { left, ..Localisation::default() })
 }
 
 impl Sums {
