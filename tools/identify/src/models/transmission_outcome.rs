@@ -69,9 +69,12 @@ pub(super) fn conclude(
 /// Notes on where the final model leaves what is no noise: in which octave, and in which record if
 /// it is a single one.
 fn no_noise(study: &Study<'_>, tested: &[(Channel, TestedResidual)]) -> Vec<String> {
+    if !study.found.coloured {
+        return Vec::new();
+    }
     let select = study.model.of_role(Role::Select);
     let floor = FloorComparison::of(&study.model, &select, &study.found.last().setting);
-    let in_octave = floor.colour.filter(|colour| *colour > 1.0).and_then(|_| coloured(tested));
+    let in_octave = floor.is_coloured_over_octaves().then(|| coloured(tested)).flatten();
     let alone = floor.outlying_record().filter(|_| in_octave.is_none() && floor.at_floor_in_sum());
     let in_record = alone.map(|of| {
         format!(
@@ -82,8 +85,7 @@ fn no_noise(study: &Study<'_>, tested: &[(Channel, TestedResidual)]) -> Vec<Stri
             of.over_floor
         )
     });
-    let notes = in_octave.into_iter().chain(in_record);
-    notes.take_while(|_| study.found.coloured).collect()
+    in_octave.into_iter().chain(in_record).collect()
 }
 
 /// A note on the octave of frequency in which the final model leaves most of the error.

@@ -55,7 +55,12 @@ impl FloorComparison {
 
     /// Whether what is left is no noise, over the octaves or in a single record.
     pub fn is_coloured(&self) -> bool {
-        self.colour.is_some_and(|colour| colour > 1.0) || self.outlying_record().is_some()
+        self.is_coloured_over_octaves() || self.outlying_record().is_some()
+    }
+
+    /// Whether what is left is no noise over the octaves.
+    pub fn is_coloured_over_octaves(&self) -> bool {
+        self.colour.is_some_and(|colour| colour > 1.0)
     }
 
     /// A record whose error is no noise, whatever the others leave: an effect may act in it alone.

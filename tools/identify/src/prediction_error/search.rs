@@ -368,21 +368,23 @@ impl<'a> Search<'a> {
         let floor = self.against_floor(&self.now);
         let coloured = floor.is_coloured();
         let at_floor = floor.at_floor_in_sum() && !coloured;
+        let late = deadline.has_passed();
+        let short = cut_short || late;
         // Names that leave the error far above the repeatability are no names.
-        if cut_short && floor.in_sum.is_some_and(|above| above.inadequate()) {
+        if short && floor.in_sum.is_some_and(|above| above.inadequate()) {
             self.found.give_up_all();
         }
         let what = match self.found.steps.is_empty() {
             true => Unfinished::Candidates,
             false => Unfinished::Comparison,
         };
-        if cut_short {
+        if short {
             self.found.unfinished.get_or_insert(what);
         }
         let mut inadequate = self.found.is_refuted(self.views(), &floor);
         // A fitted model that is refuted lacks something, whatever was not tried: it is placed.
         let refuted = inadequate && self.found.unfinished != Some(Unfinished::DeclaredModel);
-        if (cut_short && !refuted) || deadline.has_passed() {
+        if late || (cut_short && !refuted) {
             self.found.conclude_early(true, what, at_floor);
             return self.found;
         }

@@ -101,13 +101,14 @@ impl SearchResult {
     /// Returns where an unlisted effect acts if no function of one variable explains it: at an
     /// encoder that jumps, else where the residual says.
     pub fn acts_at(&self, jumping: Option<JumpingEncoder>) -> Option<Site> {
-        let localisation = self.localisation.as_ref()?;
         if self.unlisted_function.is_some() {
             return None;
         }
-        if jumping.is_some() {
+        // A function that the jumps replaced may have been tried without a localisation.
+        if jumping.is_some() && (self.inadequate || self.localisation.is_some()) {
             return Some(Site::Sensor);
         }
+        let localisation = self.localisation.as_ref()?;
         // Motor torque acts on the master too; only what it depends on distinguishes the two, and
         // regressions are on the motion.
         let best = self.nonparametric.first().filter(|best| best.gain > 0.0);
@@ -219,5 +220,22 @@ impl SearchResult {
 
     pub(super) fn give_up_all(&mut self) {
         self.given_up.extend(self.steps.drain(..).map(|step| step.added.effect()));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn jumps_tell_the_place_with_or_without_a_localisation_but_only_of_what_is_missing() {
+        let jumping = Some(JumpingEncoder { of_slave: true, at_one_place: false });
+        let found = SearchResult::default();
+        assert_eq!(found.acts_at(jumping), None);
+        let inadequate = SearchResult { inadequate: true, ..found.clone() };
+        assert_eq!(inadequate.acts_at(jumping), Some(Site::Sensor));
+        assert_eq!(inadequate.acts_at(None), None);
+        let located = SearchResult { localisation: Some(Localisation::default()), ..found };
+        assert_eq!(located.acts_at(jumping), Some(Site::Sensor));
     }
 }
