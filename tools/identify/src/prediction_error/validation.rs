@@ -66,7 +66,7 @@ pub struct Validation {
     /// Mean gain over blocks relative to its standard error.
     pub t: f64,
     /// Records that improve by more than 0.01 and by more than a tenth of the largest gain of a
-    /// record (beside other effects: of the mean gain).
+    /// record.
     pub better: usize,
     /// Records that deteriorate by as much.
     pub worse: usize,
@@ -105,8 +105,9 @@ fn falls(before: &[Residual], after: &[Residual]) -> Vec<Vec<Vec<f64>>> {
         .collect()
 }
 
-/// A record that gains or loses less than this share of the largest gain (beside other effects: of
-/// the mean gain) counts as unchanged.
+/// A record that gains or loses less than this share of the largest gain of a record counts as
+/// unchanged: an effect may act in one record alone, as a gain of the torque cell does where a hand
+/// pushes, and the others then gain or lose by chance.
 const UNCHANGED: f64 = 0.1;
 /// Largest deterioration of a channel (log error).
 const MAY_LOSE: f64 = 0.03;
@@ -166,13 +167,11 @@ pub fn validate_beside(
     let sums: Vec<f64> =
         by_record.iter().map(|channels: &Vec<f64>| channels.iter().sum()).collect();
     let total = sums.iter().sum::<f64>() / sums.len().max(1) as f64;
-    // An effect that acts in few records leaves the others nearly unchanged.
-    let first = effects == 0;
-    let typical = if first { sums.iter().copied().fold(0.0, f64::max) } else { total };
-    let unchanged = f64::max(0.01, UNCHANGED * typical);
+    let largest = sums.iter().copied().fold(0.0, f64::max);
+    let unchanged = f64::max(0.01, UNCHANGED * largest);
     let better = sums.iter().filter(|sum| **sum > unchanged).count();
     let worse = sums.iter().filter(|sum| **sum < -unchanged).count();
-    let may_lose = f64::max(MAY_LOSE, if first { MAY_LOSE_SHARE * total } else { 0.0 });
+    let may_lose = f64::max(MAY_LOSE, if effects == 0 { MAY_LOSE_SHARE * total } else { 0.0 });
     let channels = by_record.iter().map(Vec::len).max().unwrap_or(0);
     let harmed = (0..channels).any(|channel| {
         let of: Vec<f64> =
@@ -274,6 +273,22 @@ mod tests {
             own.channels[1].clone_from(&noisier.channels[1]);
         }
         assert!(!validated(0, &other_channel).accepted);
+    }
+
+    #[test]
+    fn an_effect_that_acts_in_one_record_passes_though_others_lose_a_little() {
+        let mut after = records(1.0, 1.03);
+        after[1] = records(0.0, 0.1).swap_remove(1);
+        for beside in [0, 1] {
+            let found = validated(beside, &after);
+            assert_eq!((found.better, found.worse), (1, 0), "{found:?}");
+            assert!(found.accepted, "{found:?}");
+        }
+        // What costs the others a tenth of that is no effect.
+        let mut after = records(1.0, 1.3);
+        after[1] = records(0.0, 0.1).swap_remove(1);
+        let found = validated(1, &after);
+        assert!(found.worse == 2 && !found.accepted, "{found:?}");
     }
 
     #[test]
