@@ -5,13 +5,16 @@
 mod common;
 
 use std::path::Path;
+use std::time::Duration;
 
 use ipc_types::{
     COMMAND, Event, EventKind, Mode, MotorCommand, Process, SAMPLE, Sample, Severity, event_topic,
 };
+use launch::UnitState;
 use recording::mcap_read::Recording;
+use serde_json::Value;
 
-use common::{TestRig, told};
+use common::{Signal, TestRig, kill, told, wait_for, workers};
 
 const RIG: &str = include_str!("../launch/rigs/hydrostatic.toml");
 
@@ -36,36 +39,112 @@ rise_s = 2.0
 duration_s = 4.0
 "#;
 
+/// A movement that needs positions.
+const MOVEMENT: &str = r#"[protocol]
+name = "move"
+
+[[segments]]
+kind = "steps"
+label = "steps"
+positions_deg = [5.0, -5.0]
+rise_s = 1.0
+dwell_s = 0.5
+"#;
+
+/// The rig with its stops elsewhere, in the simulation and in the rig file.
+fn rig_text() -> String {
+    let (lower, upper) = STOPS_DEG;
+    let moved = [
+        ("end_stop_min_deg = -85.0", format!("end_stop_min_deg = {lower:?}")),
+        ("end_stop_max_deg = 85.0", format!("end_stop_max_deg = {upper:?}")),
+        ("lower_stop_deg = -85.0", format!("lower_stop_deg = {lower:?}")),
+        ("upper_stop_deg = 85.0", format!("upper_stop_deg = {upper:?}")),
+    ];
+    moved.iter().fold(RIG.to_owned(), |text, (old, new)| {
+        assert_eq!(text.matches(old).count(), 1, "{old}");
+        text.replace(old, new)
+    })
+}
+
+/// Powers up and plays to the end. On a loaded host a best-effort rig may trip, rightly; the test
+/// then resets it and starts again.
+fn play(rig: &TestRig, protocol: &str) -> String {
+    let mut last = String::new();
+    for attempt in 1..=20 {
+        // An enabled rig refuses `enable`.
+        let _disarmed = rig.run(["disarm"]);
+        rig.power_up();
+        let output = rig.run(["run", protocol]);
+        last = told(&output);
+        println!("attempt {attempt}: {}", String::from_utf8_lossy(&output.stdout).trim());
+        if output.status.success() {
+            return String::from_utf8(output.stdout).unwrap();
+        }
+        assert!(last.contains("tripped"), "{last}");
+    }
+    panic!("never played to its end: {last}");
+}
+
+/// Axes that are not homed, by `farreach status`.
+fn unhomed(rig: &TestRig) -> Value {
+    let status: Value = serde_json::from_str(&rig.ok(["status", "--json"])).unwrap();
+    status["unhomed"].clone()
+}
+
+/// Kills a process and waits until its successor is ready.
+fn replace(rig: &TestRig, unit: &str) {
+    let process = || rig.launcher_status().unit(unit).and_then(|unit| unit.process);
+    let before = process().unwrap();
+    kill(before.pid, Signal::KILL);
+    let ready = || {
+        let status = rig.launcher_status();
+        status.unit(unit).is_some_and(|unit| {
+            unit.state == UnitState::Ready && unit.process.is_some_and(|now| now != before)
+        })
+    };
+    assert!(wait_for(Duration::from_secs(30), ready), "{unit}: {}", rig.why(unit));
+}
+
 #[test]
-fn initialise_finds_the_end_stops_and_centre_returns_the_handle() {
+fn an_axis_is_homed_between_its_stops_until_the_card_is_powered_up_again() {
     let rig = TestRig::patient("initialise");
     let (rig_file, protocol, record) =
         (rig.path("stops.toml"), rig.path("find.toml"), rig.path("find.mcap"));
-    let kept: Vec<&str> = RIG.lines().filter(|line| !line.starts_with("end_stop_")).collect();
-    let keys = format!(
-        "[simulation]\nend_stop_min_deg = {:?}\nend_stop_max_deg = {:?}",
-        STOPS_DEG.0, STOPS_DEG.1
-    );
-    std::fs::write(&rig_file, kept.join("\n").replace("[simulation]", &keys)).unwrap();
+    std::fs::write(&rig_file, rig_text()).unwrap();
     std::fs::write(&protocol, PROTOCOL).unwrap();
     let text = |path: &Path| path.to_str().unwrap().to_owned();
     let (rig_file, protocol, record) = (text(&rig_file), text(&protocol), text(&record));
+    let movement = text(&rig.path("move.toml"));
+    std::fs::write(&movement, MOVEMENT).unwrap();
     rig.ok(["up", "--simulate", "--rig", &rig_file, "--record", &record]);
-    let mut last = String::new();
-    // On a loaded host a best-effort rig may trip, rightly; the test then resets it and starts
-    // again.
-    let played = (1..=20).any(|attempt| {
-        rig.power_up();
-        let output = rig.run(["run", &protocol]);
-        last = told(&output);
-        let stdout = String::from_utf8_lossy(&output.stdout);
-        println!("attempt {attempt}: {}", stdout.trim());
-        // `run` shows the range that was found.
-        assert!(!output.status.success() || stdout.contains("axis 0: range -2"), "{last}");
-        assert!(output.status.success() || last.contains("tripped"), "{last}");
-        output.status.success()
-    });
-    assert!(played, "{last}");
+    rig.power_up();
+    assert_eq!(unhomed(&rig), serde_json::json!([0]));
+    let refused = rig.run(["run", &movement]);
+    assert_eq!(refused.status.code(), Some(1), "{}", told(&refused));
+    common::assert_told(&refused, &["axis 0", "not homed", "farreach run home"]);
+
+    // `run` shows the range that was found.
+    let stdout = play(&rig, &protocol);
+    assert!(stdout.contains("axis 0: range -2"), "{stdout}");
+    assert_eq!(unhomed(&rig), serde_json::json!([]));
+    rig.ok(["rec", "stop"]);
+
+    for unit in workers() {
+        replace(&rig, unit);
+        // The newest sample of the successor, or of the next acquisition.
+        let expected =
+            if unit == "simulator" { serde_json::json!([0]) } else { serde_json::json!([]) };
+        let shown = wait_for(Duration::from_secs(10), || unhomed(&rig) == expected);
+        assert!(shown, "after the kill of {unit}: {}", unhomed(&rig));
+        if unit == "simulator" {
+            rig.power_up();
+            let refused = rig.run(["run", &movement]);
+            common::assert_told(&refused, &["not homed"]);
+            play(&rig, &protocol);
+            assert_eq!(unhomed(&rig), serde_json::json!([]));
+        }
+    }
+    play(&rig, &movement);
     rig.down();
 
     let recording = Recording::open(Path::new(&record)).unwrap();

@@ -52,7 +52,8 @@ impl Campaign {
     }
 
     fn up(&self) -> Output {
-        self.rig.run(["up", "--simulate", "--record", self.record.to_str().unwrap()])
+        let (rig, record) = (self.rig.absolute_rig("hydrostatic"), self.record.to_str().unwrap());
+        self.rig.run(["up", "--simulate", "--rig", &rig, "--record", record])
     }
 
     fn processes(&self) -> BTreeMap<String, ProcessIdentity> {

@@ -131,7 +131,8 @@ fn learning_survives_a_restart_and_its_reference_is_saved() {
     let rig = TestRig::patient("learning");
     let (learnt, file) = (rig.path("learnt"), rig.path("run.mcap"));
     let up = rig
-        .farreach(["up", "--simulate", "--record", file.to_str().unwrap()])
+        .farreach(["up", "--simulate", "--rig", &rig.absolute_rig("hydrostatic"), "--record"])
+        .arg(&file)
         .env("FARREACH_LEARNT", &learnt)
         .output()
         .unwrap();

@@ -109,7 +109,7 @@ fn pid(child: &Child) -> i32 {
 #[test]
 fn sr_26_a_protocol_ends_with_a_trip_with_its_client_and_with_stop() {
     let rig = TestRig::patient("protocol-end");
-    rig.up_simulated();
+    rig.up_homed();
     let domain = runtime::Domain::open(rig.name()).unwrap();
     let bench = Bench { rig, domain };
 

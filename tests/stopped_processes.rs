@@ -204,7 +204,7 @@ fn wakes_beside_its_replacement(rig: &TestRig, monitor: &Monitor, unit: &str) ->
 #[test]
 fn sr_19_a_frozen_and_continued_process_never_powers_the_motor() {
     let rig = TestRig::new("freeze");
-    rig.up_simulated();
+    rig.up_homed();
     let mut monitor = Monitor::join(rig.name());
     monitor.load(1);
     eprintln!("profile {}", monitor.profile());

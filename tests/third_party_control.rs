@@ -105,7 +105,7 @@ impl Drop for StandIn {
 #[test]
 fn control_can_be_replaced_with_the_message_types_alone() {
     let rig = TestRig::new("third-party");
-    rig.up_simulated();
+    rig.up_homed();
     let monitor = Monitor::join(rig.name());
     monitor.power_up(&rig);
     let ours = monitor.seen().streams["command"].newest().incarnation;

@@ -56,7 +56,7 @@ fn three_axes_move_together_and_nothing_is_lost() {
     let (file, protocol) = (rig.path("run.mcap"), rig.path("together.toml"));
     std::fs::write(&protocol, PROTOCOL).unwrap();
     let file = file.to_str().unwrap();
-    rig.ok(["up", "--simulate", "--rig", "three-axis", "--record", file]);
+    rig.ok(["up", "--simulate", "--rig", &rig.absolute_rig("three-axis"), "--record", file]);
     play(&rig, protocol.to_str().unwrap());
     rig.down();
 

@@ -75,9 +75,11 @@ impl Session {
     }
 
     fn up(&self, record: &str) {
-        let rig_file = self.rig_file.as_ref().map(|path| path.to_str().unwrap());
-        let chosen = rig_file.map_or_else(Vec::new, |path| vec!["--rig", path]);
-        self.ok(["up", "--simulate", "--record", record].into_iter().chain(chosen));
+        let chosen = match &self.rig_file {
+            Some(path) => path.to_str().unwrap().to_owned(),
+            None => self.rig.absolute_rig("hydrostatic"),
+        };
+        self.ok(["up", "--simulate", "--record", record, "--rig", &chosen]);
     }
 
     fn status(&self) -> Value {
@@ -365,7 +367,8 @@ fn control_at_one_kilohertz_follows_and_loses_nothing() {
     let mut session = Session { control_hz: 1000.0, ..Session::new("khz") };
     let rig_file = session.rig.path("fast.toml");
     assert_eq!(RIG.matches("control_hz = 500").count(), 1);
-    std::fs::write(&rig_file, RIG.replace("control_hz = 500", "control_hz = 1000")).unwrap();
+    let fast = common::absolute(RIG).replace("control_hz = 500", "control_hz = 1000");
+    std::fs::write(&rig_file, fast).unwrap();
     session.rig_file = Some(rig_file);
     let file = session.file("run.mcap");
     session.up(&file);

@@ -178,6 +178,10 @@ codes! {
         KeeperLost = 23, "keeper lost";
         /// Acquisition's card has no outputs (a replayed record, no card).
         NoOutput = 24, "no output behind acquisition";
+        /// An encoder lost its zero: the card was restarted, or its count jumped.
+        HomingLost = 25, "homing lost";
+        /// An axis was powered for too long without being homed.
+        HomingTime = 26, "not homed in time";
     }
 
     /// What control does.
@@ -265,6 +269,11 @@ codes! {
         SetpointRefused = 18, "setpoint refused";
         /// The beat of a rhythm: `a` where the hand should be (rad or m), `b` its number from 1.
         Beat = 19, "beat";
+        /// An axis was homed: `a` its index, `b` and `c` the counts of its master and slave at
+        /// position 0.
+        AxisHomed = 20, "axis homed";
+        /// An axis is unhomed: `a` its index; the text says why.
+        HomingLost = 21, "homing lost";
     }
 }
 

@@ -5,7 +5,7 @@ use std::marker::PhantomData;
 use crate::process::{PROCESS_TOPICS, ProcessTopic, ProcessTopicKind};
 use crate::{
     CARD_FIFO, CardOutput, CardScan, ClockSync, EnableLine, EnableToken, Event, Field, Heartbeat,
-    LoopTiming, LossCounters, Message, MotorCommand, Process, Sample, Setpoint,
+    HomeOrder, LoopTiming, LossCounters, Message, MotorCommand, Process, Sample, Setpoint,
 };
 
 /// How often a topic is published.
@@ -117,7 +117,10 @@ pub const CARD_OUTPUT: TypedTopic<CardOutput> =
     topic("card_output", Process::Acquisition, Rate::Loop(Process::Acquisition), 1024, 0);
 /// The setpoint.
 pub const SETPOINT: TypedTopic<Setpoint> =
-    topic("setpoint", Process::Experiment, Rate::Loop(Process::Experiment), 512, 0);
+    topic("setpoint", Process::Experiment, Rate::Loop(Process::Experiment), 400, 0);
+/// Zeros that homing has found; no history, so that an old one never sets a new acquisition's zero.
+pub const HOME_ORDER: TypedTopic<HomeOrder> =
+    topic("home_order", Process::Experiment, Rate::Sporadic, 16, 0);
 /// The logger's loss counters.
 pub const LOSS: TypedTopic<LossCounters> = topic("loss", Process::Logger, Rate::Hertz(1), 256, 0);
 /// The logger's measurement of the wall clock.
@@ -135,6 +138,7 @@ const OWN: &[(usize, Topic)] = &[
     (6, SETPOINT.topic),
     (7, LOSS.topic),
     (8, CLOCK.topic),
+    (22, HOME_ORDER.topic),
 ];
 
 /// A topic that several processes have.

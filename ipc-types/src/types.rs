@@ -7,7 +7,7 @@ use crate::{ANALOG, AXES, MATRIX, TABLES, TEXT};
 
 messages! {
     /// One scan of the card, converted, with what the gate wrote: the rig's main signal.
-    Sample v1 {
+    Sample v2 {
         /// tick of the acquisition grid at which the card took the scan (monotonic ns / period)
         tick: u64,
         /// when the card took the scan [ns, CLOCK_MONOTONIC]
@@ -18,9 +18,17 @@ messages! {
         master_counts: [i64; AXES],
         /// encoder counts of the slave
         slave_counts: [i64; AXES],
-        /// position of the master (rad or m)
+        /// count of the master's encoder at position 0: found by homing, or the count at power-up
+        /// while the axis is unhomed
+        master_zero: [i64; AXES],
+        /// count of the slave's encoder at position 0
+        slave_zero: [i64; AXES],
+        /// rises whenever a zero changes, or an axis becomes homed or unhomed; 0 for absolute
+        /// encoders
+        homing_sequence: u64,
+        /// position of the master, from its zero (rad or m)
         master_position: [f64; AXES],
-        /// position of the slave (rad or m)
+        /// position of the slave, from its zero (rad or m)
         slave_position: [f64; AXES],
         /// torque (or force) that the hand applies to the slave, positive when it drives the slave
         /// positive (N·m or N)
@@ -68,6 +76,10 @@ messages! {
         profile: u8 = Profile,
         /// 1 if the card reports the motor power on (enable line alive)
         motor_power: u8,
+        /// axes whose positions are absolute, one bit each
+        homed: u8,
+        /// none
+        reserved: [u8; 7],
     }
 
     /// Volts for the motors, from control.
@@ -115,7 +127,7 @@ messages! {
     }
 
     /// The watchdog's permission to power the motor, for a few milliseconds.
-    EnableToken v1 {
+    EnableToken v2 {
         /// enable epoch: rises with every enable, also over restarts of the watchdog
         epoch: u64,
         /// incarnation of the watchdog that issued it
@@ -142,8 +154,11 @@ messages! {
         cause: u8 = TripCause,
         /// Profile that the watchdog was granted
         profile: u8 = Profile,
+        /// axes that the watchdog takes as homed, one bit each: on the others its limits are those
+        /// of homing
+        homed: u8,
         /// none
-        reserved: u32,
+        reserved: [u8; 3],
     }
 
     /// The watchdog's digital output: the card drops the motor when it stops toggling.
@@ -201,13 +216,15 @@ messages! {
 
     /// Where the handle shall go, from the experiment or the operator; holds until its lease
     /// lapses.
-    Setpoint v3 {
+    Setpoint v4 {
         /// the instant that position, velocity and acceleration are meant for [ns, CLOCK_MONOTONIC]
         at_ns: u64,
         /// until when it may be followed [ns, CLOCK_MONOTONIC]
         lease_until_ns: u64,
         /// identity of the protocol (hash of its text)
         protocol: u64,
+        /// homing_sequence of the samples in whose positions it is given
+        homing_sequence: u64,
         /// position (rad or m)
         position: [f64; AXES],
         /// velocity (rad/s or m/s)
@@ -258,6 +275,21 @@ messages! {
         axes: u8,
         /// none
         reserved: [u8; 5],
+    }
+
+    /// The zero that a search has found for an axis, from the experiment to acquisition; repeated
+    /// until samples show it.
+    HomeOrder v1 {
+        /// homing_sequence of the samples that it was computed from
+        homing_sequence: u64,
+        /// count of the master's encoder at position 0
+        master_zero: i64,
+        /// count of the slave's encoder at position 0; no meaning without a slave encoder
+        slave_zero: i64,
+        /// index of the axis
+        axis: u8,
+        /// none
+        reserved: [u8; 7],
     }
 
     /// Something happened that a person or an analysis wants to know.

@@ -9,7 +9,9 @@ use proptest::prelude::*;
 fn schema_lists_every_field_with_type_and_unit() {
     let schema = Sample::schema();
     assert!(
-        schema.contains("# position of the master (rad or m)\nfloat64[3] master_position\n"),
+        schema.contains(
+            "# position of the master, from its zero (rad or m)\nfloat64[3] master_position\n"
+        ),
         "{schema}"
     );
     assert!(schema.contains("uint64 tick\n"));

@@ -112,6 +112,17 @@ impl Plant {
         self.longest_step_s
     }
 
+    /// Puts an axis at rest at this position of its slave (rad), its line unstrained. Call before
+    /// the first step; does nothing where there is no such axis.
+    pub fn rest_at(&mut self, axis: usize, slave_rad: f64) {
+        /// Trial position of the master, for the ratio of the line (rad).
+        const TRIAL_RAD: f64 = 1e-3;
+        let Some(plant) = self.axes.get_mut(axis) else { return };
+        plant.rest_at(TRIAL_RAD, None);
+        let ratio = plant.motion().slave_position_rad / TRIAL_RAD;
+        plant.rest_at(slave_rad / ratio, None);
+    }
+
     /// Motion of an axis; all zero where there is no such axis.
     pub fn motion(&self, axis: usize) -> Motion {
         self.axes.get(axis).map_or_else(Motion::default, Transmission::motion)

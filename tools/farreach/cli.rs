@@ -20,7 +20,7 @@ use crate::service::{self, Service};
     arg_required_else_help = true,
     after_help = "Example, a whole session with the simulated rig:\n  \
         farreach up --simulate --record run.mcap\n  farreach reset && farreach arm\n  \
-        farreach run guided-1hz\n  farreach down\n\n\
+        farreach run home\n  farreach run guided-1hz\n  farreach down\n\n\
         Exit codes: 0 done, 1 failed, 2 usage, 3 done but data was lost"
 )]
 pub(crate) struct Cli {

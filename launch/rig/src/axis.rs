@@ -5,6 +5,7 @@ use crate::axis_unit::AxisUnit;
 use crate::checked_toml::{Keys, Section};
 use crate::effect::ModelEffect;
 use crate::encoder::Encoder;
+use crate::homing::Homing;
 use crate::limits::Limits;
 use crate::parameter::Parameter;
 use crate::rates::Rates;
@@ -25,6 +26,9 @@ pub struct Axis {
     pub torque: Option<TorqueChannel>,
     /// Limits that the watchdog enforces.
     pub limits: Limits,
+    /// How it finds the zero of its positions; `None` where the file does not say, and the axis
+    /// never gets power ([`crate::RigFile::check_homing`]).
+    pub homing: Option<Homing>,
     /// Gains of the control law.
     pub control: AxisControl,
     /// Parameters of this axis's transmission that differ from [`crate::Model::parameters`].
@@ -41,6 +45,7 @@ const KEYS: Keys = &[
     ("slave", "Encoder at the handle, if there is one."),
     ("torque", "Sensor of the hand's torque, if there is one."),
     ("limits", "Limits that the watchdog enforces; required."),
+    ("homing", "How it finds the zero of its positions; required to run the rig."),
     ("control", "Gains of the control law."),
     ("model", "Parameters of this axis that differ from [model.parameters]."),
     ("effects", "Effects of this axis alone, beside [[model.effects]] of every axis."),
@@ -66,6 +71,7 @@ impl Axis {
             section.problem("limits", "the limits that the watchdog enforces", "nothing", advice);
         }
         let limits = Limits::read(section.section("limits"), unit, torque.is_some());
+        let homing = Homing::read(section.section("homing"), unit);
         let control = AxisControl::read(
             section.section("control"),
             unit,
@@ -76,6 +82,6 @@ impl Axis {
         );
         let model = Parameter::read_all(&section.section("model"));
         let effects = ModelEffect::read_all(&section, "[[axes.effects]]");
-        Self { name, unit, master, slave, torque, limits, control, model, effects }
+        Self { name, unit, master, slave, torque, limits, homing, control, model, effects }
     }
 }

@@ -32,9 +32,19 @@ pub const RIGS: &[Shipped] = shipped!("rigs":
 );
 /// The protocols of `launch/protocols`.
 pub const PROTOCOLS: &[Shipped] = shipped!("protocols":
-    "circle", "demo", "excitation", "force-fields", "free-movement", "guided-1hz", "initialise",
-    "learning", "learning-model-based", "steps", "three-axes",
+    "circle", "demo", "excitation", "force-fields", "free-movement", "guided-1hz", "home",
+    "home-three-axes", "home-two-axes", "initialise", "learning", "learning-model-based", "steps",
+    "three-axes",
 );
+
+/// The shipped protocol that homes a rig of so many axes.
+pub const fn home_protocol(axes: usize) -> &'static str {
+    match axes {
+        0 | 1 => "home",
+        2 => "home-two-axes",
+        _ => "home-three-axes",
+    }
+}
 
 /// A word without folder and extension is the name of a shipped file.
 fn is_name(asked: &Path) -> bool {

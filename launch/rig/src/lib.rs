@@ -31,6 +31,7 @@ mod effect;
 mod encoder;
 mod error;
 mod force_control;
+mod homing;
 mod limits;
 mod load;
 mod model;
@@ -46,7 +47,9 @@ mod torque_channel;
 pub use axis::Axis;
 pub use axis_control::{AxisControl, Feedforward};
 pub use axis_unit::AxisUnit;
-pub use built_in_files::{PROTOCOLS, RIGS, Shipped, load_declaration, load_protocol, load_rig};
+pub use built_in_files::{
+    PROTOCOLS, RIGS, Shipped, home_protocol, load_declaration, load_protocol, load_rig,
+};
 pub use channel::{Channel, ChannelKind};
 pub use compensation::{Compensation, CompensationKind, ControlOptions, Observer, SlaveLoop};
 pub use content_hash::identity;
@@ -54,6 +57,7 @@ pub use effect::{ModelEffect, ModelEffectError};
 pub use encoder::Encoder;
 pub use error::{FileError, Problem, ProtocolError, RigError};
 pub use force_control::{ACCELERATION_HZ, ForceControl};
+pub use homing::{Homing, StopSearch};
 pub use limits::Limits;
 pub use model::{ForceSource, Model, ModelKind};
 pub use parameter::{Parameter, ParameterSource};

@@ -13,7 +13,7 @@ use crate::channel::Channel;
 use crate::checked_toml::{Keys, Section};
 use crate::content_hash::identity;
 use crate::effect::{ModelEffect, ModelEffectError};
-use crate::error::RigError;
+use crate::error::{Problem, RigError};
 use crate::model::Model;
 use crate::rates::{Phases, Rates};
 use crate::simulation::Simulation;
@@ -179,6 +179,32 @@ impl RigFile {
         let axis = self.axes.get(axis)?;
         let (gear, speed_max) = (axis.master.turns_per_handle_turn, axis.limits.speed_max);
         Some(ReflectedDynamics::new(&*self.control_parameters(axis).ok()?, gear, speed_max))
+    }
+
+    /// Whether every axis says how it finds the zero of its positions, as a rig must whose motors
+    /// get power.
+    ///
+    /// # Errors
+    /// [`RigError::Invalid`] with the axes that do not.
+    pub fn check_homing(&self) -> Result<(), RigError> {
+        let problems: Vec<Problem> = self
+            .axes
+            .iter()
+            .enumerate()
+            .filter(|(_, axis)| axis.homing.is_none())
+            .map(|(at, axis)| {
+                Problem::new(
+                    &self.file_name,
+                    1,
+                    &format!("axes.{at}.homing"),
+                    "how the axis finds the zero of its positions".to_owned(),
+                    format!("nothing for \"{}\"", axis.name),
+                    "add [axes.homing] with method = \"stops\" and the positions of its stops, or \
+                     with method = \"absolute\" if its encoders keep their zero",
+                )
+            })
+            .collect();
+        if problems.is_empty() { Ok(()) } else { Err(RigError::Invalid { problems }) }
     }
 
     /// Bit set of the axes that satisfy a condition.

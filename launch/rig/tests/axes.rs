@@ -186,7 +186,11 @@ fn lists_that_do_not_match_are_refused() {
         "{message}"
     );
     // Beyond the second axis's limits, within the first's.
-    let narrow = TWO.replacen("position_max_deg = 120.0", "position_max_deg = 15.0", 1);
+    let narrow = TWO.replacen("position_max_deg = 120.0", "position_max_deg = 15.0", 1).replacen(
+        "upper_stop_deg = 85.0",
+        "upper_stop_deg = 15.0",
+        1,
+    );
     let message = protocol(&format!("{SINE}axes = [1, 0]\n"))
         .unwrap()
         .check_against(&rig(&narrow))

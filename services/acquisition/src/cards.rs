@@ -74,6 +74,9 @@ impl CardOptions {
     /// # Errors
     /// When there is no driver, an option is missing, or the card does not fit the rig.
     pub fn open(&self, rig: &RigFile) -> Result<Opened, CardError> {
+        if self.kind.capabilities().accepts_output {
+            rig.check_homing()?;
+        }
         let driver = DRIVERS.iter().find(|driver| driver.kind == self.kind);
         (driver.ok_or(CardError::NoDriver(self.kind))?.open)(self, rig)
     }
@@ -85,6 +88,9 @@ pub enum CardError {
     /// There is none for this kind of card.
     #[error("this build has no driver for card {0}")]
     NoDriver(CardKind),
+    /// An axis does not say how it finds its zero.
+    #[error(transparent)]
+    Rig(#[from] rig::RigError),
     /// The replay has nothing to replay.
     #[error("--card replay: --replay RECORD is missing")]
     NoRecord,

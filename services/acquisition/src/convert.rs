@@ -4,6 +4,8 @@ use ipc_types::{AXES, Sample};
 use rig::{Axis, RigFile};
 use runtime::daq::Scan;
 
+use crate::homing::Zeros;
+
 /// Converts scans of a rig. Allocates nothing.
 #[derive(Clone, Debug)]
 pub struct Converter {
@@ -16,9 +18,10 @@ impl Converter {
         Self { axes: rig.axes.iter().take(AXES).cloned().collect() }
     }
 
-    /// What the scan says, in a sample; gate and identity are left to the caller. Where a record
-    /// holds a value in SI units already it is taken over to the last bit.
-    pub fn convert(&self, scan: &Scan) -> Sample {
+    /// What the scan says, in a sample, with positions from these zeros; gate and identity are left
+    /// to the caller. Where a record holds a value in SI units already it is taken over to the last
+    /// bit.
+    pub fn convert(&self, scan: &Scan, zeros: &Zeros) -> Sample {
         let mut sample = Sample {
             tick: scan.tick,
             scan_time_ns: scan.time_ns,
@@ -32,6 +35,10 @@ impl Converter {
             axes: self.axes.len() as u8,
             motor_present: scan.present.motor,
             motor_power: u8::from(scan.motor_power),
+            master_zero: zeros.master,
+            slave_zero: zeros.slave,
+            homed: zeros.homed,
+            homing_sequence: zeros.sequence,
             ..Sample::default()
         };
         for (index, map) in self.axes.iter().enumerate() {
@@ -43,7 +50,9 @@ impl Converter {
                     map.master.counts(sample.master_position[index]).round() as i64;
                 sample.master_present |= bit;
             } else if scan.present.master & bit != 0 {
-                sample.master_position[index] = map.master.position(scan.master_counts[index]);
+                sample.master_position[index] = map
+                    .master
+                    .position(scan.master_counts[index].wrapping_sub(zeros.master[index]));
                 sample.master_present |= bit;
             }
             if physical.slave & bit != 0 {
@@ -52,7 +61,8 @@ impl Converter {
             } else if let Some(slave) = map.slave
                 && scan.present.slave & bit != 0
             {
-                sample.slave_position[index] = slave.position(scan.slave_counts[index]);
+                sample.slave_position[index] =
+                    slave.position(scan.slave_counts[index].wrapping_sub(zeros.slave[index]));
                 sample.slave_present |= bit;
             }
             if physical.torque & bit != 0 {

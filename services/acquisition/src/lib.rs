@@ -1,11 +1,14 @@
 //! The acquisition process: reads the card, converts, holds the gate, publishes samples.
 //!
 //! The loop is thin: [`runtime::daq::Daq`] is the card, [`runtime::gate::Gate`] decides what is
-//! written, [`Converter`] turns counts and volts into SI. [`DRIVERS`] lists the cards
+//! written, [`homing::Homing`] has the zeros of the encoders, [`Converter`] turns counts and volts
+//! into SI. [`DRIVERS`] lists the cards
 //! that it can be started with: the simulator process, a measured record, or none.
 
 mod cards;
 mod convert;
+pub mod homing;
+mod homing_file;
 mod process;
 
 pub use cards::{

@@ -1,13 +1,17 @@
 //! The process: the loop between card and shared memory.
 
-use ipc_types::{AXES, COMMAND, EventKind, Process, SAMPLE, Sample, Severity, TOKEN};
+use ipc_types::{
+    AXES, COMMAND, EventKind, HOME_ORDER, HomeOrder, Process, SAMPLE, Sample, Severity, TOKEN,
+};
 use rig::RigFile;
 use runtime::clock::now_ns;
 use runtime::daq::{Daq, DaqError};
 use runtime::gate::{Gate, GateConfig, GateOutput};
-use runtime::{Grid, PortError, Service, ServiceError};
+use runtime::{Grid, PortError, Service, ServiceError, Subscriber};
 use thiserror::Error;
 
+use crate::homing::{Changes, Homing};
+use crate::homing_file::{self, HomingFile};
 use crate::{CardError, CardOptions, Converter};
 
 /// Why the process ended.
@@ -52,6 +56,71 @@ fn gate(rig: &RigFile, service: &Service) -> Gate {
     ))
 }
 
+/// The zeros of the encoders, and the file that keeps them.
+struct Zeroing {
+    homing: Homing,
+    file: HomingFile,
+    orders: Subscriber<HomeOrder>,
+}
+
+impl Zeroing {
+    /// Takes up the zeros of an earlier process. A card without outputs moves nothing: its
+    /// positions count as absolute.
+    fn new(rig: &RigFile, service: &mut Service, daq: &dyn Daq) -> Result<Self, AcquisitionError> {
+        let directory = service.domain().name().make_run_directory().map_err(ServiceError::from)?;
+        let kept = homing_file::read(&directory).or_else(|reason| {
+            let told = service.event(EventKind::HomingLost, Severity::Warning, [0.0; 3], &reason);
+            told.map(|()| None)
+        })?;
+        let homing = if daq.capabilities().accepts_output {
+            Homing::new(rig, service.identity().session, kept.as_ref())
+        } else {
+            Homing::absolute(rig)
+        };
+        let file = HomingFile::open(directory, service.domain().fifo());
+        let file = file.map_err(ServiceError::from)?;
+        Ok(Self { homing, file, orders: service.subscriber(HOME_ORDER)? })
+    }
+
+    /// Carries out the orders that have come.
+    fn take_orders(&mut self, service: &mut Service) -> Result<(), PortError> {
+        while let Some(order) = self.orders.take()? {
+            // One that repeats what was carried out is refused, as it should be.
+            if order.session == service.identity().session
+                && let Ok(changes) = self.homing.order(&order)
+            {
+                self.told(&changes, service)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Publishes what has changed, and keeps it.
+    fn told(&mut self, changes: &Changes, service: &mut Service) -> Result<(), PortError> {
+        let zeros = self.homing.zeros();
+        for axis in 0..AXES {
+            if changes.homed & 1 << axis != 0 {
+                let values = [axis as f64, zeros.master[axis] as f64, zeros.slave[axis] as f64];
+                service.event(EventKind::AxisHomed, Severity::Info, values, "")?;
+            }
+            if let Some(lost) = changes.lost[axis] {
+                let values = [axis as f64, 0.0, 0.0];
+                service.event(EventKind::HomingLost, Severity::Error, values, lost.text())?;
+            }
+        }
+        if changes.kept
+            && let Some(state) = self.homing.state()
+        {
+            self.file.keep(state);
+        }
+        if self.file.take_failure() {
+            let text = "the zeros could not be kept: after a restart of acquisition, home again";
+            service.event(EventKind::CardFault, Severity::Warning, [0.0; 3], text)?;
+        }
+        Ok(())
+    }
+}
+
 fn run_loop(
     rig: &RigFile,
     service: &mut Service,
@@ -64,6 +133,7 @@ fn run_loop(
     let converter = Converter::new(rig);
     let backend = daq.kind().code();
     let mut gate = gate(rig, service);
+    let mut zeroing = Zeroing::new(rig, service, daq)?;
     // Zeroes whatever a predecessor left in the DACs before anything else.
     daq.write([0.0; AXES])?;
     let profile = service.enter_loop()?;
@@ -82,10 +152,15 @@ fn run_loop(
                 output = gate.write_failed();
                 daq.write(output.volts)?;
             }
+            zeroing.take_orders(service)?;
             let missed = daq.scans_missed();
             let mut taken = None;
             for scan in daq.read_due(wake.woke_ns)? {
-                let mut sample = converter.convert(scan);
+                let changes = zeroing.homing.observe(scan);
+                if changes != Changes::default() {
+                    zeroing.told(&changes, service)?;
+                }
+                let mut sample = converter.convert(scan, zeroing.homing.zeros());
                 stamp(&mut sample, &output);
                 sample.scans_missed = missed;
                 sample.cycles_missed = grid.missed();
@@ -97,7 +172,11 @@ fn run_loop(
             if let Some(tick) = taken {
                 daq.taken(tick);
             }
-            let losses = daq.losses().received(tokens.counters()).received(commands.counters());
+            let losses = daq
+                .losses()
+                .received(tokens.counters())
+                .received(commands.counters())
+                .received(zeroing.orders.counters());
             service.end_cycle(&grid, &wake, losses.sent(samples.undelivered()))?;
             if daq.finished() && !reported_finished {
                 reported_finished = true;

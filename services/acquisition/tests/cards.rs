@@ -4,6 +4,7 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
+use acquisition::homing::Homing;
 use acquisition::{CardOptions, Converter, DRIVERS, Driver, ReplayDaq, ReplayError, SimulatedDaq};
 use ipc_types::{CARD_OUTPUT, CARD_SCAN, CardKind, CardOutput, CardScan, Process};
 use recording::record::Record;
@@ -88,7 +89,7 @@ fn a_record_is_replayed_to_the_last_bit_and_once() {
     let mut row = 0;
     while !daq.finished() {
         for scan in daq.read_due(now).unwrap() {
-            let sample = converter.convert(scan);
+            let sample = converter.convert(scan, Homing::absolute(&emps).zeros());
             assert_eq!(
                 sample.master_position[0].to_bits(),
                 record.columns["position_m"][row].to_bits()
@@ -152,13 +153,13 @@ fn counts_and_volts_become_si() {
         ..Scan::default()
     };
     scan.analog_v[torque.channel] = torque.volts(-1.5);
-    let sample = Converter::new(&rig).convert(&scan);
+    let sample = Converter::new(&rig).convert(&scan, Homing::absolute(&rig).zeros());
     let quarter = std::f64::consts::FRAC_PI_2;
     assert!((sample.master_position[0] - quarter).abs() < 1e-12);
     assert!((sample.slave_position[0] + quarter / 2.0).abs() < 1e-12);
     assert!((sample.slave_torque[0] + 1.5).abs() < 1e-12);
     scan.present = Present::default();
-    let absent = Converter::new(&rig).convert(&scan);
+    let absent = Converter::new(&rig).convert(&scan, Homing::absolute(&rig).zeros());
     assert_eq!((absent.master_present, absent.slave_present, absent.torque_present), (0, 0, 0));
 }
 

@@ -25,6 +25,10 @@
 //! **Limits.** A setpoint may lower the limit on the output (module `output_limit`); in
 //! [`Mode::Initialise`] the reference then stays within what that output can hold.
 //!
+//! **Homing.** While an axis is unhomed ([`Sample::homed`]), its output and range are those of
+//! homing. When positions begin to count from another zero, the law starts again from the measured
+//! position, and follows no setpoint that was given in the old ones.
+//!
 //! **No setpoint.** Without a setpoint, or once its lease has expired, the law brings the reference
 //! to rest and holds it. [`Mode::Passive`] ramps the output to 0 V within [`AUTHORITY_S`]. A
 //! measured value that is not finite gives 0 V on all axes at once, reported by `limited` and mode
@@ -114,6 +118,8 @@ struct Axis {
     held_back: bool,
     /// Largest distance of the reference from the measured position (rad or m).
     lead: f64,
+    /// Whether its positions are absolute.
+    homed: bool,
 }
 
 /// The control law; the module's documentation describes it.
@@ -127,6 +133,8 @@ pub struct Law {
     authority: f64,
     last_step_ns: Option<u64>,
     last_sample_ns: u64,
+    /// The zeros that positions count from.
+    homing_sequence: u64,
     latency: Latency,
 }
 
@@ -159,6 +167,7 @@ impl Law {
             authority: 0.0,
             last_step_ns: None,
             last_sample_ns: 0,
+            homing_sequence: 0,
             latency: Latency::default(),
         }
     }
@@ -212,7 +221,10 @@ impl Law {
         let axes = self.config.axes;
         let time_ns = sample.scan_time_ns;
         let live = setpoint.filter(|setpoint| {
-            now_ns <= setpoint.lease_until_ns && usable(setpoint, time_ns, axes)
+            now_ns <= setpoint.lease_until_ns
+                && usable(setpoint, time_ns, axes)
+                && (setpoint.homing_sequence == sample.homing_sequence
+                    || setpoint.mode == Mode::Passive.code())
         });
         command.lapsed = u8::from(setpoint.is_some() && live.is_none());
         command.setpoint_sequence = live.map_or(0, |setpoint| setpoint.sequence);
@@ -254,11 +266,7 @@ impl Law {
         });
         if !measured {
             self.release_output();
-            self.axis.iter_mut().for_each(|axis| {
-                axis.velocity.reset();
-                axis.handle.reset();
-                axis.acceleration.reset();
-            });
+            self.axis.iter_mut().for_each(Axis::forget_positions);
             return false;
         }
         let time_ns = sample.scan_time_ns;
@@ -266,8 +274,15 @@ impl Law {
             // Another acquisition process has taken over: start again from the measured position.
             self.release_output();
         }
+        if sample.homing_sequence != self.homing_sequence {
+            // Positions count from another zero: what is remembered of them means nothing now.
+            self.homing_sequence = sample.homing_sequence;
+            self.release_output();
+            self.axis.iter_mut().for_each(Axis::forget_positions);
+        }
         self.last_sample_ns = time_ns;
         for (index, axis) in self.axis.iter_mut().enumerate().take(axes) {
+            axis.homed = sample.homed & 1 << index != 0;
             axis.velocity.update(time_ns, sample.master_position[index]);
             let speed = axis.handle.update(time_ns, handle_position(sample, index));
             axis.acceleration.update(time_ns, speed);
@@ -415,11 +430,15 @@ impl Axis {
     /// deceleration.
     fn resting_place(&self, law: &AxisLaw) -> Motion {
         let displacement = stopping_displacement(self.reference.velocity, law.stop_s());
-        Motion::at_rest(
-            (self.reference.position + displacement)
-                .max(law.limits.position_min)
-                .min(law.limits.position_max),
-        )
+        let (lowest, highest) = law.position_range(self.homed);
+        Motion::at_rest((self.reference.position + displacement).max(lowest).min(highest))
+    }
+
+    /// Forgets every measured position.
+    fn forget_positions(&mut self) {
+        self.velocity.reset();
+        self.handle.reset();
+        self.acceleration.reset();
     }
 }
 

@@ -35,6 +35,7 @@ pub fn run(rig_name: &str, rig: &RigFile) -> Result<(), ServiceError> {
                     "control continues from the measured position",
                 )?;
             }
+            validation.see(&newest);
             sample = Some(newest);
         }
         // All of them, not only the newest: with two senders, the last one received need not be the

@@ -4,7 +4,7 @@
 //! then brings the axes to rest. Each reason is reported at most once per second, with the number
 //! of refusals so far.
 
-use ipc_types::{AXES, Event, EventKind, Mode, Process, Setpoint, Severity};
+use ipc_types::{AXES, Event, EventKind, Mode, Process, Sample, Setpoint, Severity};
 use rig::{Limits, RigFile};
 
 /// Shortest interval between two reports of one reason (ns).
@@ -33,11 +33,15 @@ pub enum Refusal {
     Backwards,
     /// The lease of another owner is still valid.
     Owner,
+    /// Its positions count from a zero that has changed since.
+    Zero,
+    /// It moves an axis that is unhomed.
+    Unhomed,
 }
 
 impl Refusal {
     /// All reasons.
-    pub const ALL: [Self; 9] = [
+    pub const ALL: [Self; 11] = [
         Self::Session,
         Self::Unknown,
         Self::Axes,
@@ -47,6 +51,8 @@ impl Refusal {
         Self::Sequence,
         Self::Backwards,
         Self::Owner,
+        Self::Zero,
+        Self::Unhomed,
     ];
 
     /// Expected and found, and what to do.
@@ -63,6 +69,8 @@ impl Refusal {
             }
             Self::Backwards => "time is before the previous setpoint's; correct the sender",
             Self::Owner => "another owner's lease is valid; wait, or stop the other owner",
+            Self::Zero => "positions of an earlier zero; send the newest sample's homing_sequence",
+            Self::Unhomed => "an axis is not homed; run `initialise` first",
         }
     }
 }
@@ -97,12 +105,25 @@ fn is_idle(refusal: Refusal, setpoint: &Setpoint) -> bool {
     refusal == Refusal::Owner && setpoint.mode == Mode::Passive.code()
 }
 
+/// Whether a force field leaves an axis alone.
+fn is_field_free(setpoint: &Setpoint, axis: usize) -> bool {
+    let row = axis * AXES..(axis + 1) * AXES;
+    let matrices = [&setpoint.stiffness, &setpoint.damping, &setpoint.inertia];
+    matrices.iter().all(|matrix| matrix[row.clone()].iter().all(|&value| value == 0.0))
+        && setpoint.wall_stiffness[axis] == 0.0
+        && setpoint.table_position_max[axis] <= setpoint.table_position_min[axis]
+        && setpoint.table_speed[axis] <= 0.0
+}
+
 /// Accepts or refuses setpoints one by one.
 #[derive(Clone, Debug)]
 pub struct SetpointValidation {
     session: u64,
     axes: usize,
     limits: [Limits; AXES],
+    /// The newest sample's zeros, and its homed axes.
+    homing_sequence: u64,
+    homed: u8,
     /// The setpoint that control follows.
     followed: Option<Setpoint>,
     /// The sender that the current one, of the same owner, has replaced.
@@ -125,6 +146,8 @@ impl SetpointValidation {
             session,
             axes: count,
             limits,
+            homing_sequence: 0,
+            homed: u8::MAX,
             followed: None,
             replaced: None,
             refused: [0; Refusal::ALL.len()],
@@ -136,6 +159,11 @@ impl SetpointValidation {
     /// Validation for a session of a rig, with the limits of its file.
     pub fn of_rig(session: u64, rig: &RigFile) -> Self {
         Self::new(session, rig.axes.iter().map(|axis| axis.limits))
+    }
+
+    /// Takes the newest sample: which axes are homed, and from which zeros positions count.
+    pub const fn see(&mut self, sample: &Sample) {
+        (self.homed, self.homing_sequence) = (sample.homed, sample.homing_sequence);
     }
 
     /// Accepts or refuses a setpoint that has just arrived. Later setpoints are compared with the
@@ -199,6 +227,7 @@ impl SetpointValidation {
             return Err(Refusal::Axes);
         }
         self.check_order(now_ns, setpoint)?;
+        self.check_homing(mode, setpoint)?;
         (0..self.axes).try_for_each(|axis| self.check_range(axis, mode, setpoint))
     }
 
@@ -221,6 +250,25 @@ impl SetpointValidation {
         if before.owner != setpoint.owner && holds { Err(Refusal::Owner) } else { Ok(()) }
     }
 
+    /// Compares the zeros with those of the newest sample; on an unhomed axis nothing moves but the
+    /// search for its stops, and the hand without a force field. A setpoint of newer zeros than our
+    /// sample's passes: the law follows it once a sample has them.
+    fn check_homing(&self, mode: Mode, setpoint: &Setpoint) -> Result<(), Refusal> {
+        if mode == Mode::Passive {
+            return Ok(());
+        }
+        if setpoint.homing_sequence < self.homing_sequence {
+            return Err(Refusal::Zero);
+        }
+        let mut unhomed = (0..self.axes).filter(|&axis| self.homed & 1 << axis == 0);
+        let allowed = |axis: usize| match mode {
+            Mode::Initialise => true,
+            Mode::Hold => setpoint.position[axis].is_nan(),
+            _ => mode.is_force_controlled() && is_field_free(setpoint, axis),
+        };
+        if unhomed.all(allowed) { Ok(()) } else { Err(Refusal::Unhomed) }
+    }
+
     /// Checks the numbers that the mode requires of one axis.
     fn check_range(&self, axis: usize, mode: Mode, setpoint: &Setpoint) -> Result<(), Refusal> {
         let limits = &self.limits[axis];
@@ -240,6 +288,10 @@ impl SetpointValidation {
             || (moves && !(velocity.is_finite() && setpoint.acceleration[axis].is_finite()))
         {
             return Err(Refusal::NotFinite);
+        }
+        if self.homed & 1 << axis == 0 {
+            // Positions count from power-up: law and watchdog have the limits of the search.
+            return Ok(());
         }
         let slack = ROUNDING * limits.position_min.abs().max(limits.position_max.abs());
         if position < limits.position_min - slack || position > limits.position_max + slack {

@@ -13,6 +13,8 @@
 //! publishes it dies, control ramps to hold by itself. After a restart, [`Player::resume`] starts
 //! the interrupted segment again, from where the handle then is.
 
+mod axis_homing;
+mod homing;
 mod ilc;
 mod ilc_job;
 mod measured_segments;
@@ -30,6 +32,8 @@ use crate::ilc_trial::IlcTrials;
 use crate::range_finder::RangeFinder;
 use crate::state::PlayerState;
 
+use axis_homing::PendingOrder;
+pub use axis_homing::Zeros;
 pub use ilc_job::IlcJob;
 use ilc_job::JOBS;
 pub use program::Program;
@@ -160,6 +164,9 @@ pub struct Player {
     /// The last beat, and when its segment began.
     beat: (u64, u32),
     notice: Option<Notice>,
+    /// The zeros of the newest sample, and the order for new ones.
+    zeros: Option<Zeros>,
+    pending_order: Option<PendingOrder>,
     ilc: Option<IlcTrials>,
     run_ids: u32,
     jobs: VecDeque<IlcJob>,
@@ -185,6 +192,8 @@ impl Default for Player {
             finder: None,
             beat: (0, 0),
             notice: None,
+            zeros: None,
+            pending_order: None,
             ilc: None,
             run_ids: 0,
             jobs: VecDeque::with_capacity(JOBS),
@@ -257,6 +266,7 @@ impl Player {
         self.program = Some(program);
         self.phase = Phase::Entering { segment, change };
         (self.end, self.waiting, self.early_s) = (None, false, 0.0);
+        self.pending_order = None;
         self.completed = false;
         self.last_ns = None;
         self.segment = segment as u32;
@@ -342,6 +352,7 @@ impl Player {
                 Some(change)
             }
             Phase::Playing { segment, .. } if paused => {
+                self.pending_order = None;
                 self.find_axes(program, measured);
                 self.phase = Phase::Playing { segment, begun_ns: now_ns };
                 self.begin_ilc(program, segment, now_ns, true);
@@ -383,6 +394,7 @@ impl Player {
         paused: bool,
     ) -> Option<Change> {
         let running = self.is_running();
+        self.pending_order = None;
         match self.phase {
             Phase::Playing { segment, begun_ns }
                 if end != End::PermissionLost && !paused && !is_given_away(program, segment) =>

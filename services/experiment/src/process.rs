@@ -11,8 +11,8 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use ipc_types::{
-    AXES, EnableToken, Event, EventKind, GateState, Heartbeat, Process, Profile, SAMPLE, SETPOINT,
-    Sample, Setpoint, Severity, TOKEN, WatchdogState,
+    AXES, EnableToken, Event, EventKind, GateState, HOME_ORDER, Heartbeat, HomeOrder, Process,
+    Profile, SAMPLE, SETPOINT, Sample, Setpoint, Severity, TOKEN, WatchdogState,
 };
 use rig::RigFile;
 use rig::protocol::Protocol;
@@ -23,7 +23,7 @@ use runtime::{
 };
 use thiserror::Error;
 
-use crate::player::{Change, LEASE_NS, Notice, Permission, Player, Program};
+use crate::player::{Change, LEASE_NS, Notice, Permission, Player, Program, Zeros};
 use crate::state::PlayerState;
 
 use ilc_worker::IlcWorker;
@@ -69,6 +69,7 @@ pub struct Runner {
     tokens: Subscriber<EnableToken>,
     token: Option<EnableToken>,
     setpoints: Publisher<Setpoint>,
+    home_orders: Publisher<HomeOrder>,
     heartbeats: Publisher<Heartbeat>,
     player: Player,
     link: LoopSide,
@@ -116,7 +117,7 @@ impl Runner {
         )
         .map_err(ServiceError::from)?;
         // Before the request thread starts, so that its first answer knows the restored protocol.
-        link.progress.update(0, &player.status(), 0, false);
+        link.progress.update(0, &player.status(), 0, false, 0);
         let handler = RequestHandler {
             rig: rig.clone(),
             session,
@@ -134,6 +135,7 @@ impl Runner {
             tokens: service.subscriber(TOKEN)?,
             token: None,
             setpoints: service.publisher(SETPOINT)?,
+            home_orders: service.publisher(HOME_ORDER)?,
             heartbeats: service.heartbeat_publisher()?,
             requests: handler.serve(service.domain().name())?,
             grid: Grid::of_rate(rig.rates.experiment_hz, rig.phases.experiment_ns),
@@ -172,6 +174,7 @@ impl Runner {
                 self.service.refresh_events();
                 // The process may be idle for hours: keep the list of subscribers current.
                 self.setpoints.refresh();
+                self.home_orders.refresh();
             }
             let losses = self.losses();
             if self.service.end_cycle(&self.grid, &wake, losses)?
@@ -229,9 +232,13 @@ impl Runner {
         if fresh || self.player.is_ending() {
             let sample = self.newest.as_ref().filter(|_| fresh);
             self.player.see_handles(handles(sample));
+            self.player.see_zeros(sample.map(Zeros::from));
             let output = self.player.step(wake.woke_ns, &measured(sample));
             if let Some(setpoint) = output.setpoint {
                 self.setpoints.send(setpoint)?;
+            }
+            if let Some(order) = self.player.home_order() {
+                self.home_orders.send(order)?;
             }
             if let Some(notice) = self.player.take_notice() {
                 publish_notice(notice, self.player.status().segment, &mut self.service)?;
@@ -258,7 +265,8 @@ impl Runner {
             }
         }
         let enabled = matches!(permission, Permission::Enabled(_));
-        self.link.progress.update(self.taken, &self.player.status(), sample_ns, enabled);
+        let homed = self.newest.map_or(0, |sample| sample.homed);
+        self.link.progress.update(self.taken, &self.player.status(), sample_ns, enabled, homed);
         Ok(())
     }
 
@@ -277,7 +285,8 @@ impl Runner {
         let losses = Losses::default()
             .received(self.samples.counters())
             .received(self.tokens.counters())
-            .sent(self.setpoints.undelivered());
+            .sent(self.setpoints.undelivered())
+            .sent(self.home_orders.undelivered());
         Losses { dropped: self.link.dropped.total(), ..losses }
     }
 

@@ -92,6 +92,7 @@ impl Background {
             let sample = Sample {
                 master_position: [0.1, 0.0, 0.0],
                 master_present: 1,
+                homed: 1,
                 axes: 1,
                 ..Sample::default()
             };

@@ -30,6 +30,9 @@ pub struct Scan {
     pub present: Present,
     /// Whether the card reports the motor power on.
     pub motor_power: bool,
+    /// Which power-up of the card its counts began with: another number, and the encoders may have
+    /// moved unseen.
+    pub power_up: u64,
 }
 
 /// Values in SI units, from a record: they take the place of counts and volts where present.
@@ -62,6 +65,7 @@ impl Scan {
             digital_in: scan.digital_in,
             present,
             motor_power: scan.motor_power == 1,
+            power_up: scan.incarnation,
             ..Self::default()
         }
     }

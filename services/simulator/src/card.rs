@@ -7,10 +7,10 @@ use plant::effects::end_stop::EndStop;
 use plant::effects::{EffectError, parse};
 use plant::sensors::{Drift, Emg, EmgParameters, ScannerTrigger, TorqueCell, TorqueCellParameters};
 use plant::transmission::{Input, Motion};
-use rand::SeedableRng;
+use rand::{RngExt as _, SeedableRng};
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64Mcg;
-use rig::{Axis, ChannelKind, Hand, HandKind, RigFile};
+use rig::{Axis, ChannelKind, Hand, HandKind, Homing, RigFile};
 use thiserror::Error;
 
 /// Why the simulated card cannot be built from a rig file.
@@ -35,6 +35,40 @@ pub enum CardError {
 
 /// Range of an analog input that the rig file does not describe (V).
 const DEFAULT_RANGE_V: f64 = 10.0;
+
+/// Where the machine is when the card gets power, and where its counters begin.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct PowerUp {
+    /// Position of each handle (rad or m).
+    pub handle: [f64; AXES],
+    /// Count of each master at position 0.
+    pub master_zero: [i64; AXES],
+    /// Count of each slave at position 0.
+    pub slave_zero: [i64; AXES],
+}
+
+/// Largest count at position 0 of an incremental encoder, in either direction.
+const LARGEST_ZERO: i64 = 1_000_000;
+/// Part of the range between the stops in which a handle is found at power-up.
+const FOUND_WITHIN: f64 = 0.95;
+
+impl PowerUp {
+    /// Axes with incremental encoders are anywhere between their stops, with any count; the others
+    /// at 0, with their own. The same seed gives the same.
+    pub fn random(rig: &RigFile, seed: u64) -> Self {
+        let mut generator = Pcg64Mcg::seed_from_u64(seed);
+        let mut found = Self::default();
+        for (at, axis) in rig.axes.iter().enumerate().take(AXES) {
+            let Some(search) = axis.homing.as_ref().and_then(Homing::stops) else { continue };
+            let (lower, upper) = rig.simulation.end_stops.unwrap_or((search.lower, search.upper));
+            let share = generator.random_range(-FOUND_WITHIN..FOUND_WITHIN);
+            found.handle[at] = 0.5 * (lower + upper) + 0.5 * share * (upper - lower);
+            found.master_zero[at] = generator.random_range(-LARGEST_ZERO..=LARGEST_ZERO);
+            found.slave_zero[at] = generator.random_range(-LARGEST_ZERO..=LARGEST_ZERO);
+        }
+        found
+    }
+}
 
 /// The sensors of one axis.
 #[derive(Debug)]
@@ -68,6 +102,7 @@ pub struct Card {
     powered_scans: u64,
     generator: Pcg64Mcg,
     period_s: f64,
+    power_up: PowerUp,
     /// Motor power is cut this long after the last valid toggle of the enable line (ns).
     enable_line_timeout_ns: u64,
     dac_v: [f64; AXES],
@@ -151,6 +186,7 @@ impl Card {
             powered_scans: 0,
             generator: Pcg64Mcg::seed_from_u64(simulation.seed ^ 0x5ca1_ab1e),
             period_s,
+            power_up: PowerUp::default(),
             enable_line_timeout_ns,
             dac_v: [0.0; AXES],
             enable_line: None,
@@ -160,6 +196,23 @@ impl Card {
             output_incarnation: 0,
             taken_tick: 0,
         })
+    }
+
+    /// The same card, powered up elsewhere. Call before the first scan.
+    #[must_use]
+    pub fn with_power_up(mut self, power_up: PowerUp) -> Self {
+        for (axis, position) in power_up.handle.into_iter().enumerate() {
+            if position != 0.0 {
+                self.plant.rest_at(axis, position);
+            }
+        }
+        self.power_up = power_up;
+        self
+    }
+
+    /// Lets an encoder's counter jump, as an interference on its cable does; for tests.
+    pub const fn shift_master(&mut self, axis: usize, counts: i64) {
+        self.power_up.master_zero[axis] += counts;
     }
 
     /// Writes the DACs; they hold until the next write. A value that is not finite is written as 0
@@ -273,10 +326,12 @@ impl Card {
         let rad_per_count = 1.0 / master.counts_per_unit;
         let noise_rad = self.noise(self.encoder_noise_counts * rad_per_count);
         let master_handle_rad = reading.master_rad / master.turns_per_handle_turn;
-        scan.master_counts[index] = master.counts(master_handle_rad + noise_rad).round() as i64;
+        scan.master_counts[index] = master.counts(master_handle_rad + noise_rad).round() as i64
+            + self.power_up.master_zero[index];
         if let Some(slave) = slave {
             let noise_rad = self.noise(self.encoder_noise_counts / slave.counts_per_unit);
-            scan.slave_counts[index] = slave.counts(reading.slave_rad + noise_rad).round() as i64;
+            scan.slave_counts[index] = slave.counts(reading.slave_rad + noise_rad).round() as i64
+                + self.power_up.slave_zero[index];
         }
         if let Some((channel, cell)) = &mut self.sensors[index].torque_cell
             && let Some(volts) = scan.analog_v.get_mut(*channel)

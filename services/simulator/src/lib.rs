@@ -11,6 +11,6 @@ mod card;
 mod lock_step;
 mod process;
 
-pub use card::{Card, CardError};
+pub use card::{Card, CardError, PowerUp};
 pub use lock_step::LockStepDaq;
 pub use process::{SimulatorError, run};

@@ -5,7 +5,7 @@ use rig::RigFile;
 use runtime::{Grid, Losses, PortError, Service, ServiceError, Timeouts};
 use thiserror::Error;
 
-use crate::card::{Card, CardError};
+use crate::card::{Card, CardError, PowerUp};
 
 /// Scans that the card catches up with after it was not run for a while; a real card is never late.
 const CATCH_UP: u64 = 4096;
@@ -29,8 +29,9 @@ pub enum SimulatorError {
 /// [`SimulatorError`].
 pub fn run(rig_name: &str, rig: &RigFile, effects: &[String]) -> Result<(), SimulatorError> {
     let mut service = Service::start(Process::Simulator, rig_name)?;
-    let mut card =
-        Card::new(rig, effects, Timeouts::of(service.domain().profile()).enable_line_ns)?;
+    let power_up = PowerUp::random(rig, rig.simulation.seed ^ service.identity().incarnation);
+    let line_ns = Timeouts::of(service.domain().profile()).enable_line_ns;
+    let mut card = Card::new(rig, effects, line_ns)?.with_power_up(power_up);
     let mut scans = service.publisher(CARD_SCAN)?;
     let mut outputs = service.subscriber(CARD_OUTPUT)?;
     let mut lines = service.subscriber(ENABLE_LINE)?;

@@ -27,6 +27,7 @@ mod refusal;
 mod speed;
 
 pub use config::Config;
+use config::homing_time_ns;
 pub use faults::{FaultAction, FaultSet, PRIORITY, action_of};
 use ipc_types::{
     AXES, EnableToken, GateState, MotorCommand, Sample, TripCause, Verb, WatchdogState,
@@ -181,7 +182,8 @@ impl Interlock {
 
     /// Processes a received motor command.
     pub fn observe_command(&mut self, command: &MotorCommand) {
-        let faults = self.commands.observe(command, &self.config);
+        let homed = self.samples.newest.map_or(0, |sample| sample.homed);
+        let faults = self.commands.observe(command, homed, &self.config);
         self.momentary.merge(faults);
     }
 
@@ -319,6 +321,13 @@ impl Interlock {
                 && now_ns.saturating_sub(self.enabled_at_ns) > config.gate_open_ns,
             TripCause::GateNotOpen,
         );
+        let homed = self.samples.newest.map_or(0, |sample| sample.homed);
+        active.insert_if(
+            self.state == WatchdogState::Enabled
+                && homing_time_ns(&config.axes, homed)
+                    .is_some_and(|most| now_ns.saturating_sub(self.enabled_at_ns) > most),
+            TripCause::HomingTime,
+        );
 
         for &cause in PRIORITY {
             let held_until_ns = &mut self.held_until_ns[usize::from(cause.code())];
@@ -440,6 +449,7 @@ impl Interlock {
             state: self.state.code(),
             cause: self.cause.code(),
             profile: self.config.profile.code(),
+            homed: sample.map_or(0, |sample| sample.homed),
             ..EnableToken::default()
         }
     }

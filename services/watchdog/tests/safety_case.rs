@@ -42,6 +42,8 @@ fn every_requirement_has_the_tests_that_it_claims() {
         "services/control/tests/law",
         "services/control/tests/setpoint_validation",
         "services/experiment/tests",
+        "services/acquisition/tests",
+        "tools/lock-step/tests",
     ] {
         count(&root.join(tests), &mut found);
     }

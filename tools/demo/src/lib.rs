@@ -27,8 +27,8 @@
 //! # Steps
 //!
 //! 1. A rig of its own (`demo-PID`) comes up with the simulated card, an operator resets, arms and
-//!    enables, and `launch/protocols/demo.toml` is played: rest, guided 1 Hz, a short excitation,
-//!    hold.
+//!    enables, `launch/protocols/home.toml` finds the stops, and `launch/protocols/demo.toml` is
+//!    played: rest, guided 1 Hz, a short excitation, hold.
 //! 2. During the movement **control** is killed with SIGKILL. The gate, in acquisition, writes 0 V
 //!    when the last command has expired. Later **acquisition** is killed: the DAC holds its last
 //!    volts, the watchdog stops toggling the enable line, and the card removes power from the

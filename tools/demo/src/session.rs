@@ -9,6 +9,7 @@ use ipc_types::{
     LoggerRequest, MotorCommand, Process, SAMPLE, Sample, TOKEN, TripCause, Verb, WatchdogState,
 };
 use operator::{RigLink, Up};
+use rig::load_protocol;
 use rig::protocol::Protocol;
 use runtime::Subscriber;
 use runtime::clock::now_ns;
@@ -119,6 +120,7 @@ impl<'a> Session<'a> {
         let took_s = self.power()?;
         self.terminal.print(&format!("reset, armed, enabled by the operator after {took_s:.1} s"));
         let client = operator::client_number();
+        self.home(client)?;
         self.start(protocol, client)?;
         self.terminal.print(&format!(
             "protocol \"{}\" runs, {:.0} s",
@@ -188,6 +190,42 @@ impl<'a> Session<'a> {
         }
         self.terminal.print("protocol done");
         Ok(done)
+    }
+
+    /// Plays the protocol that finds the stops, unless every axis is homed. A trip, which a busy
+    /// host causes, starts it anew.
+    fn home(&mut self, client: u64) -> anyhow::Result<()> {
+        let homed = |session: &Self| {
+            session.sample.is_some_and(|sample| sample.homed.count_ones() >= sample.axes.into())
+        };
+        self.wait(Duration::from_secs(2), |session| session.sample.is_some())?;
+        if homed(self) {
+            return Ok(());
+        }
+        let axes = self.sample.map_or(1, |sample| usize::from(sample.axes));
+        let protocol = load_protocol(rig::home_protocol(axes).as_ref(), &[])?;
+        let begun = Instant::now();
+        for _ in 0..UNPROVOKED {
+            self.start(&protocol, client)?;
+            loop {
+                self.pause(Duration::from_millis(50))?;
+                let answer = self.link.experiment(&ExperimentRequest::Renew { client })?;
+                self.terminal.progress(format!("homing, {:.0} s", answer.elapsed_s));
+                if answer.running {
+                    continue;
+                }
+                if answer.completed && homed(self) {
+                    let took_s = begun.elapsed().as_secs_f64();
+                    self.terminal.print(&format!("homed between its stops after {took_s:.0} s"));
+                    return Ok(());
+                }
+                if !answer.permission_lost && self.state() == WatchdogState::Enabled {
+                    bail!("the rig could not be homed: {}", answer.error);
+                }
+                break;
+            }
+        }
+        bail!("the watchdog tripped {UNPROVOKED} times while the rig was homed")
     }
 
     /// Starts the protocol; if the rig has just tripped, resets, arms and enables it first.

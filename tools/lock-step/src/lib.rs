@@ -31,6 +31,7 @@ pub mod ilc;
 use std::collections::VecDeque;
 
 use acquisition::Converter;
+use acquisition::homing::{Homing, Zeros};
 use control::law::{Law, LawConfig};
 use ipc_types::{AXES, Mode, MotorCommand, Sample, Setpoint};
 use plant::transmission::Motion;
@@ -107,6 +108,8 @@ pub struct CycleResult {
 pub struct LockStepRig {
     daq: LockStepDaq,
     converter: Converter,
+    /// The rig begins homed.
+    zeros: Zeros,
     law: Law,
     /// Outputs not yet written, each with the tick after which it is due.
     pending: VecDeque<(u64, [f64; AXES])>,
@@ -138,6 +141,7 @@ impl LockStepRig {
         Ok(Self {
             daq: LockStepDaq::new(rig, effects, LINE_NS, true)?,
             converter: Converter::new(rig),
+            zeros: *Homing::absolute(rig).zeros(),
             law: Law::new(LawConfig::of_rig(rig)),
             pending: VecDeque::with_capacity(OUTPUT_DELAY_TICKS as usize + 1),
             axes: rig.axes.len() as u8,
@@ -224,7 +228,7 @@ impl LockStepRig {
         self.run_to(scan_tick)?;
         let now_ns = self.daq.now_ns();
         let sample = match self.daq.read_due(now_ns)?.last() {
-            Some(scan) => self.converter.convert(scan),
+            Some(scan) => self.converter.convert(scan, &self.zeros),
             // Cannot happen: every tick produces a scan. The law would release the output.
             None => Sample::default(),
         };

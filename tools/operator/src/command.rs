@@ -53,7 +53,7 @@ pub enum Command {
     Estop(OutputFormat),
     /// Enables the motor on an armed rig and runs a protocol; Ctrl-C stops the protocol and brings
     /// the handle to rest
-    #[command(after_help = "Examples:\n  farreach run guided-1hz\n  \
+    #[command(after_help = "Examples:\n  farreach run home\n  farreach run guided-1hz\n  \
         farreach run guided-1hz --subject S07 --set segments.0.amplitude_deg=20")]
     Run(RunArguments),
     /// Stops the running protocol: the handle comes to rest, the motor stays enabled at 0 V

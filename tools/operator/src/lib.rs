@@ -3,6 +3,7 @@
 //!
 //! ```text
 //! $ farreach up --simulate && farreach reset && farreach arm
+//! $ farreach run home
 //! $ farreach run guided-1hz
 //! $ farreach down
 //! ```

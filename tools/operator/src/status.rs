@@ -7,7 +7,7 @@ mod table;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use ipc_types::{
-    CardKind, EnableToken, GateCause, GateState, LoggerRequest, Profile, TOPICS, TripCause,
+    AXES, CardKind, EnableToken, GateCause, GateState, LoggerRequest, Profile, TOPICS, TripCause,
     WatchdogState,
 };
 use launch::{RigState, UnitState};
@@ -46,6 +46,10 @@ pub struct RigStatus {
     pub watchdog: Option<WatchdogStatus>,
     /// The gate, and the card's counters.
     pub gate: Option<GateStatus>,
+    /// Number of axes.
+    pub axes: usize,
+    /// Axes that are not homed, from 0.
+    pub unhomed: Vec<usize>,
     /// The processes.
     pub processes: Vec<ProcessStatus>,
     /// The logger.
@@ -301,6 +305,8 @@ impl RigStatus {
         }
         if let Some(sample) = &seen.samples.newest {
             self.backend = CardKind::from_code(sample.backend);
+            self.axes = usize::from(sample.axes).min(AXES);
+            self.unhomed = (0..self.axes).filter(|axis| sample.homed & 1 << axis == 0).collect();
             self.gate = Some(GateStatus {
                 state: GateState::from_code(sample.gate_state).unwrap_or(GateState::Closed),
                 cause: GateCause::from_code(sample.gate_cause).unwrap_or(GateCause::None),

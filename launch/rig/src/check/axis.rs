@@ -4,6 +4,7 @@ use crate::axis::Axis;
 use crate::axis_unit::AxisUnit;
 use crate::channel::{Channel, ChannelKind};
 use crate::checked_toml::Source;
+use crate::homing::Homing;
 use crate::limits::{POSITION_MAX, POSITION_MIN, TORQUE_MAX};
 use crate::rates::Rates;
 
@@ -40,6 +41,10 @@ pub(super) fn check(
         source.problem(&path("control.output_limit_v"), expected, output_limit_v, advice);
     }
     check_torque(axis, channels, &path, source);
+    // Limits that are wrong themselves say nothing about the stops.
+    if source.is_clean() {
+        check_stops(axis, &path, source);
+    }
 }
 
 /// The position limits: in order, and plausible in degrees.
@@ -57,6 +62,24 @@ fn check_range(axis: &Axis, path: &impl Fn(&str) -> String, source: &Source<'_>)
         let found = format!("{:.2} degrees", most - least);
         let advice = "limits this close look like radians; the values are in degrees";
         source.problem(&key, expected, found, advice);
+    }
+}
+
+/// The stops lie within the position limits: a homed axis begins at one of them.
+fn check_stops(axis: &Axis, path: &impl Fn(&str) -> String, source: &Source<'_>) {
+    let Some(Homing::Stops(search)) = &axis.homing else { return };
+    let (limits, unit) = (&axis.limits, axis.unit);
+    let scale = unit.si_per_file_unit();
+    for (stop, key) in [
+        (search.lower, unit.choose("homing.lower_stop_deg", "homing.lower_stop_m")),
+        (search.upper, unit.choose("homing.upper_stop_deg", "homing.upper_stop_m")),
+    ] {
+        if !(limits.position_min..=limits.position_max).contains(&stop) {
+            let (least, most) = (limits.position_min / scale, limits.position_max / scale);
+            let expected = format!("within the position limits ({least:.4} to {most:.4})");
+            let advice = "the axis is homed at its stops: widen the limits";
+            source.problem(&path(key), expected, stop / scale, advice);
+        }
     }
 }
 

@@ -26,6 +26,10 @@ unit = "UNIT"
 position_max_deg = 40.0
 position_max_m = 0.4
 volts_max = 5.0
+[axes.homing]
+method = "stops"
+upper_stop_deg = 40.0
+upper_stop_m = 0.4
 [axes.control.force]
 [axes.control.feedforward]
 friction_peak_v = 1.5

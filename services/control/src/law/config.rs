@@ -2,7 +2,7 @@
 
 use ipc_types::AXES;
 use plant::reflected_dynamics::ReflectedDynamics;
-use rig::{AxisControl, Limits, RigFile};
+use rig::{AxisControl, Homing, Limits, RigFile, StopSearch};
 
 /// Longest time in which a moving reference is brought to rest when its target is lost (s).
 pub const STOP_S: f64 = 0.25;
@@ -16,6 +16,8 @@ pub struct AxisLaw {
     pub control: AxisControl,
     /// Limits on position, speed and output.
     pub limits: Limits,
+    /// Limits while the axis is unhomed; `None` for absolute encoders.
+    pub search: Option<StopSearch>,
     /// Dynamics of the declared model; options that need it are off without it.
     pub model: Option<ReflectedDynamics>,
 }
@@ -25,6 +27,21 @@ impl AxisLaw {
     /// own (rad/s or m/s).
     pub(super) fn catch_up_speed(&self) -> f64 {
         CATCH_UP * self.limits.speed_max
+    }
+
+    /// Range of the reference (rad or m); while the axis is unhomed, about its position at
+    /// power-up.
+    pub(super) fn position_range(&self, homed: bool) -> (f64, f64) {
+        match self.search {
+            Some(search) if !homed => (-search.travel_max, search.travel_max),
+            _ => (self.limits.position_min, self.limits.position_max),
+        }
+    }
+
+    /// The rig's own limit on the output (V).
+    pub(super) fn output_limit_v(&self, homed: bool) -> f64 {
+        let own = self.control.output_limit_v;
+        self.search.filter(|_| !homed).map_or(own, |search| search.volts_max.min(own))
     }
 
     /// Time in which a moving reference comes to rest when its target is lost or replaced (s).
@@ -50,7 +67,8 @@ impl LawConfig {
         let mut laws = [AxisLaw::default(); AXES];
         for (index, (law, axis)) in laws.iter_mut().zip(&rig.axes).enumerate() {
             let (control, limits) = (axis.control, axis.limits);
-            *law = AxisLaw { control, limits, model: rig.reflected_dynamics(index) };
+            let search = axis.homing.as_ref().and_then(Homing::stops).copied();
+            *law = AxisLaw { control, limits, search, model: rig.reflected_dynamics(index) };
         }
         let period_s = 1.0 / f64::from(rig.rates.control_hz);
         Self { axes: rig.axes.len(), axis: laws, period_s }

@@ -52,13 +52,9 @@ impl Law {
         // The field's inertia term, the least certain one, is limited to the torque that takes the
         // output to its limit.
         let most = limit_v / force.volts_per_hand_torque();
+        let (lowest, highest) = law.position_range(axis.homed);
         let field = field_torque(setpoint, index, &handle, most)
-            + end_stop_torque(
-                force,
-                handle.position[index],
-                law.limits.position_min,
-                law.limits.position_max,
-            );
+            + end_stop_torque(force, handle.position[index], lowest, highest);
         let torque = sample.slave_torque[index] + field;
         let before_v = if axis.force_controlled { axis.force_v } else { 0.0 };
         // The motor's speed, since most of the friction is at the motor.

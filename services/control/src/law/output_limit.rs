@@ -14,10 +14,11 @@ use ipc_types::Setpoint;
 use super::{AUTHORITY_S, Axis, AxisLaw, Motion};
 
 /// The limit requested for an axis (V): the setpoint's if it is positive and below the rig's,
-/// otherwise the rig's.
-fn wanted_v(law: &AxisLaw, setpoint: Option<&Setpoint>, axis: usize) -> f64 {
+/// otherwise the rig's, which is that of homing while the axis is unhomed.
+fn wanted_v(law: &AxisLaw, setpoint: Option<&Setpoint>, axis: usize, homed: bool) -> f64 {
     let asked_v = setpoint.map_or(0.0, |setpoint| setpoint.output_limit_v[axis]);
-    if asked_v > 0.0 { asked_v.min(law.control.output_limit_v) } else { law.control.output_limit_v }
+    let own_v = law.output_limit_v(homed);
+    if asked_v > 0.0 { asked_v.min(own_v) } else { own_v }
 }
 
 impl Axis {
@@ -31,7 +32,7 @@ impl Axis {
         begins: bool,
         elapsed_s: f64,
     ) {
-        let wanted_v = wanted_v(law, live, index);
+        let wanted_v = wanted_v(law, live, index, self.homed);
         let largest = law.control.output_limit_v * elapsed_s / AUTHORITY_S;
         self.limit_v = if begins {
             wanted_v

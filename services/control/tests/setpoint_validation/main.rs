@@ -2,7 +2,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 use control::setpoint_validation::{REPORT_INTERVAL_NS, Refusal, SetpointValidation};
-use ipc_types::{EventKind, Message, Mode, Process, Setpoint};
+use ipc_types::{EventKind, Message, Mode, Process, Sample, Setpoint};
 use proptest::prelude::*;
 use rig::Limits;
 
@@ -217,4 +217,60 @@ proptest! {
         let counted: u64 = Refusal::ALL.iter().map(|refusal| validation.refused(*refusal)).sum();
         prop_assert_eq!(counted, refused);
     }
+}
+
+/// A sample with these homed axes and this homing sequence.
+fn sample(homed: u8, homing_sequence: u64) -> Sample {
+    Sample { homed, homing_sequence, ..Sample::default() }
+}
+
+#[test]
+fn sr_29_on_an_unhomed_axis_nothing_moves_but_the_search_and_the_hand() {
+    let of = |mode: Mode, change: fn(&mut Setpoint)| {
+        let mut validation = validation();
+        validation.see(&sample(0, 4));
+        validation.validate(
+            0,
+            &with(|s| {
+                (s.mode, s.homing_sequence) = (mode.code(), 4);
+                change(s);
+            }),
+        )
+    };
+    for mode in Mode::ALL.iter().copied() {
+        let allowed =
+            mode == Mode::Passive || mode == Mode::Initialise || mode.is_force_controlled();
+        let expected = if allowed { Ok(()) } else { Err(Refusal::Unhomed) };
+        assert_eq!(of(mode, |_| ()), expected, "{mode}");
+    }
+    assert_eq!(of(Mode::Hold, |s| s.position[0] = f64::NAN), Ok(()), "it holds where it is");
+    // Positions of the search count from power-up.
+    assert_eq!(of(Mode::Initialise, |s| s.position[0] = 3.0), Ok(()));
+    let fields: [fn(&mut Setpoint); 7] = [
+        |s| s.stiffness[0] = 0.5,
+        |s| s.stiffness[1] = 0.5,
+        |s| s.damping[0] = -0.1,
+        |s| s.inertia[0] = 0.01,
+        |s| s.wall_stiffness[0] = 1.0,
+        |s| s.table_position_max[0] = 1.0,
+        |s| s.table_speed[0] = 1.0,
+    ];
+    for (number, field) in fields.into_iter().enumerate() {
+        assert_eq!(of(Mode::Impedance, field), Err(Refusal::Unhomed), "field {number}");
+    }
+}
+
+#[test]
+fn sr_29_a_setpoint_of_an_earlier_zero_is_refused() {
+    let mut validation = validation();
+    validation.see(&sample(1, 4));
+    let of = |sequence, homing_sequence| {
+        with(|s| (s.sequence, s.homing_sequence) = (sequence, homing_sequence))
+    };
+    assert_eq!(validation.validate(0, &of(1, 4)), Ok(()));
+    validation.see(&sample(1, 5));
+    assert_eq!(validation.validate(0, &of(2, 4)), Err(Refusal::Zero));
+    assert_eq!(validation.validate(0, &of(3, 5)), Ok(()));
+    let passive = with(|s| (s.sequence, s.mode) = (4, Mode::Passive.code()));
+    assert_eq!(validation.validate(0, &passive), Ok(()), "0 V means the same in any positions");
 }

@@ -6,7 +6,7 @@ use rig::protocol::Movement;
 
 use super::reports::{Notice, Reason};
 use super::{Change, Phase, Player, Program, seconds};
-use crate::range_finder::{FinderState, Measured, RangeFinder};
+use crate::range_finder::{FinderState, Measured, Range, RangeFinder};
 
 impl Player {
     /// Sets the positions of the handles' own encoders (rad or m) before a step; NaN where there is
@@ -34,10 +34,17 @@ impl Player {
         let (Movement::Initialise(how), axis) = (&step.track.movement, step.axis) else {
             return None;
         };
-        let limits = program.limits[axis];
+        if let Some(homed) = self.await_homing(program, segment, now_ns, measured) {
+            return Some(homed.and_then(|(axis, range)| {
+                self.end_search(program, segment, (begun_ns, now_ns), axis, &range, measured)
+            }));
+        }
+        let range = self.position_range(program, axis);
+        // Positions that are absolute need no zero: an end is where the handle stops.
+        let stops = self.zeros.and(program.homing[axis]).map(|homing| homing.stops(how.volts));
         if self.finder.is_none_or(|(begun, _)| begun != begun_ns) {
             self.find_axes(program, measured);
-            self.finder = Some((begun_ns, RangeFinder::new(*how, self.rest[axis], limits)));
+            self.finder = Some((begun_ns, RangeFinder::new(*how, self.rest[axis], range, stops)));
         }
         let (_, finder) = self.finder.as_mut()?;
         let handle =
@@ -48,26 +55,63 @@ impl Player {
             FinderState::Going => return Some(Err(None)),
             FinderState::TimedOut => Reason::NotFound,
             FinderState::Stuck => Reason::Stuck,
-            FinderState::Found(range) => {
-                let (lower, upper) = (range.lower.motor, range.upper.motor);
-                let narrower = lower > limits.0 + how.tolerance || upper < limits.1 - how.tolerance;
-                self.notice = Some(Notice::Range { axis, range, narrower });
-                // If an end was not met, the rig's own limit applies.
-                let free = (
-                    if range.met.0 { lower } else { limits.0 },
-                    if range.met.1 { upper } else { limits.1 },
-                );
-                if program.fits(segment + 1, axis, free) {
-                    self.early_s += how.duration_s - seconds(begun_ns, now_ns);
-                    return Some(Ok(()));
+            FinderState::Found(range) => match self.begin_homing(program, axis, &range, now_ns) {
+                Ok(true) => return Some(Err(None)),
+                Ok(false) => {
+                    let times = (begun_ns, now_ns);
+                    return Some(self.end_search(program, segment, times, axis, &range, measured));
                 }
-                Reason::OutOfRange
-            }
+                Err(reason) => {
+                    self.notice = Some(Notice::Range { axis, range, narrower: false });
+                    reason
+                }
+            },
         };
-        // Control ramps the output down from its present value.
+        Some(Err(Some(self.let_go(program, segment, reason, measured))))
+    }
+
+    /// Reports the range, and ends the segment where the rest of the protocol stays within it.
+    fn end_search(
+        &mut self,
+        program: &Program,
+        segment: usize,
+        (begun_ns, now_ns): (u64, u64),
+        axis: usize,
+        range: &Range,
+        measured: &[f64; AXES],
+    ) -> Result<(), Option<Change>> {
+        let Some(Movement::Initialise(how)) =
+            program.steps.get(segment).map(|step| &step.track.movement)
+        else {
+            return Err(None);
+        };
+        let limits = program.limits[axis];
+        let (lower, upper) = (range.lower.motor, range.upper.motor);
+        let narrower = lower > limits.0 + how.tolerance || upper < limits.1 - how.tolerance;
+        self.notice = Some(Notice::Range { axis, range: *range, narrower });
+        // If an end was not met, the rig's own limit applies.
+        let free = (
+            if range.met.0 { lower } else { limits.0 },
+            if range.met.1 { upper } else { limits.1 },
+        );
+        if program.fits(segment + 1, axis, free) {
+            self.early_s += how.duration_s - seconds(begun_ns, now_ns);
+            return Ok(());
+        }
+        Err(Some(self.let_go(program, segment, Reason::OutOfRange, measured)))
+    }
+
+    /// Ends the protocol; control ramps the output down from its present value.
+    fn let_go(
+        &mut self,
+        program: &Program,
+        segment: usize,
+        reason: Reason,
+        measured: &[f64; AXES],
+    ) -> Change {
         self.find_axes(program, measured);
         self.phase = Phase::Idle;
-        Some(Err(Some(Change::Aborted(segment as u32, reason))))
+        Change::Aborted(segment as u32, reason)
     }
 
     /// Reports the beat of a rhythm when it is due.

@@ -3,12 +3,14 @@
 use std::sync::Arc;
 
 use ipc_types::AXES;
-use rig::protocol::{Movement, Protocol};
+use rig::protocol::{Field, Movement, Protocol};
 use rig::{ProtocolError, RigFile};
 
 use crate::ilc_update::Plan;
 use crate::prepared_movement::PreparedMovement;
 use crate::state::PlayerState;
+
+use super::axis_homing::AxisHoming;
 
 /// A protocol made ready for one machine.
 #[derive(Debug)]
@@ -19,6 +21,8 @@ pub struct Program {
     pub(super) axes: usize,
     /// Position limits of each axis (rad or m).
     pub(super) limits: [(f64, f64); AXES],
+    /// How each axis with incremental encoders is homed.
+    pub(super) homing: [Option<AxisHoming>; AXES],
     pub(super) steps: Vec<Step>,
     pub(super) duration_s: f64,
 }
@@ -87,8 +91,10 @@ impl Program {
             begins_s += duration_s;
         }
         let mut limits = [(0.0, 0.0); AXES];
-        for (limit, axis) in limits.iter_mut().zip(&rig.axes) {
+        let mut homing = [None; AXES];
+        for ((limit, homing), axis) in limits.iter_mut().zip(&mut homing).zip(&rig.axes) {
             *limit = (axis.limits.position_min, axis.limits.position_max);
+            *homing = AxisHoming::of(axis);
         }
         Ok(Self {
             name: protocol.name.clone(),
@@ -96,6 +102,7 @@ impl Program {
             identity: protocol.identity(),
             axes: rig.axes.len(),
             limits,
+            homing,
             steps,
             duration_s: begins_s,
         })
@@ -151,6 +158,31 @@ impl Program {
         tracks
             .filter_map(|(_, track)| track.movement.range())
             .all(|(least, most)| least >= lower && most <= upper)
+    }
+
+    /// The first segment that needs an axis homed which is not, with that axis; `homed` has a bit
+    /// for each axis that is at the beginning. Searches for the stops, rests, and free movement
+    /// without a force field need none.
+    pub fn first_unhomed(&self, mut homed: u8) -> Option<(usize, usize)> {
+        for (at, step) in self.steps.iter().enumerate() {
+            let movement = &step.track.movement;
+            if matches!(movement, Movement::Initialise(_)) {
+                homed |= 1 << step.axis;
+                continue;
+            }
+            let rests = matches!(movement, Movement::Rest(_));
+            let free = step.tracks().all(|(_, track)| {
+                track.movement.field().is_some_and(|field| *field == Field::default())
+            });
+            if rests || free {
+                continue;
+            }
+            let unhomed = (0..self.axes).find(|axis| homed & 1 << axis == 0);
+            if let Some(axis) = unhomed {
+                return Some((at, axis));
+            }
+        }
+        None
     }
 
     /// The learning run of a segment; `None` if it is none.

@@ -9,6 +9,12 @@ pub enum Reason {
     NotFound,
     /// Both ends are at the same place.
     Stuck,
+    /// A stop was not met within the travel of the search.
+    StopNotMet,
+    /// The travel between the stops is not that of the rig file.
+    OtherTravel,
+    /// Acquisition did not take up the zeros.
+    NotHomed,
     /// A later segment leaves the range that was found.
     OutOfRange,
     /// A trip, an emergency stop or a disarm removed the power.
@@ -23,6 +29,13 @@ impl Reason {
         match self {
             Self::NotFound => "no end found within the time limit; allow more volts or time",
             Self::Stuck => "the handle did not move; free it, or allow more volts",
+            Self::StopNotMet => {
+                "not homed: a stop was not met; check homing.travel_max and the stops"
+            }
+            Self::OtherTravel => {
+                "not homed: the travel is not that of the rig file's stops; check both"
+            }
+            Self::NotHomed => "not homed: acquisition did not take up the zeros; try again",
             Self::OutOfRange => "a later segment leaves the range found; reduce its movement",
             Self::PermissionLost => "a trip, an emergency stop or a disarm ended the protocol",
             Self::ClientGone => "its client is gone; `farreach run` must keep running",

@@ -11,11 +11,10 @@ impl Player {
     /// Sets the rest positions to the measured ones, within the limits; a position that is not
     /// finite changes nothing.
     pub(super) fn find_axes(&mut self, program: &Program, measured: &[f64; AXES]) {
-        for ((rest, measured), (least, most)) in
-            self.rest.iter_mut().zip(measured).zip(&program.limits)
-        {
+        for (axis, measured) in measured.iter().enumerate() {
+            let (least, most) = self.position_range(program, axis);
             if measured.is_finite() {
-                *rest = measured.max(*least).min(*most);
+                self.rest[axis] = measured.max(least).min(most);
             }
         }
     }
@@ -44,15 +43,19 @@ impl Player {
         now_ns: u64,
         measured: &[f64; AXES],
     ) -> Setpoint {
-        let (segment, points, mode) = match self.phase {
-            Phase::Idle => {
+        let (segment, points, mode) = match (self.phase, self.pending_order) {
+            (Phase::Playing { segment, .. }, Some(pending)) => {
+                let (points, mode) = self.homing_points(program, &pending, now_ns, measured);
+                (segment, points, mode)
+            }
+            (Phase::Idle, _) => {
                 self.find_axes(program, measured);
                 (self.segment as usize, self.rest.map(Point::at_rest), Mode::Passive)
             }
-            Phase::Entering { segment, .. } => {
+            (Phase::Entering { segment, .. }, _) => {
                 (segment, self.rest.map(Point::at_rest), Mode::Passive)
             }
-            Phase::Playing { segment, begun_ns } => {
+            (Phase::Playing { segment, begun_ns }, _) => {
                 let t = seconds(begun_ns, now_ns);
                 self.elapsed_s = program
                     .steps
@@ -68,7 +71,7 @@ impl Player {
                 }
                 (segment, self.points(program, segment, t), mode)
             }
-            Phase::Stopping { segment, begun_ns, stopped_ns } => {
+            (Phase::Stopping { segment, begun_ns, stopped_ns }, _) => {
                 let moving = self.points(program, segment, seconds(begun_ns, now_ns));
                 let (since, fade) = (seconds(stopped_ns, now_ns), seconds(0, STOP_FADE_NS));
                 let mut points = moving;
@@ -78,13 +81,16 @@ impl Player {
                 let mode = if self.ilc.is_some() { Mode::Learning } else { Mode::Position };
                 (segment, points, mode)
             }
-            Phase::Holding { segment, .. } => (segment, self.rest.map(Point::at_rest), Mode::Hold),
+            (Phase::Holding { segment, .. }, _) => {
+                (segment, self.rest.map(Point::at_rest), Mode::Hold)
+            }
         };
         self.segment = segment as u32;
         let mut setpoint = Setpoint {
             at_ns: now_ns,
             lease_until_ns: now_ns + LEASE_NS,
             protocol: program.identity,
+            homing_sequence: self.zeros.map_or(0, |zeros| zeros.sequence),
             position: points.map(|point| point.position),
             velocity: points.map(|point| point.velocity),
             acceleration: points.map(|point| point.acceleration),

@@ -123,6 +123,7 @@ impl RequestHandler {
             self.wait_until(PERMISSION_LIMIT, |link| link.progress.read().enabled)
                 .map_err(|_| "the motor is not enabled: farreach reset, arm, enable".to_owned())?;
         }
+        self.check_homed(&program)?;
         if let Err(reason) = find_references(&program, &self.learnt) {
             // In the recording, too: nothing is played, and why.
             let event = Event::new(
@@ -144,6 +145,21 @@ impl RequestHandler {
         (self.permission_lost, self.trouble) = (false, String::new());
         let before_ns = now_ns().saturating_add(TAKE_LIMIT.as_nanos() as u64);
         self.order(order, Order::Play { number: order, program, deadline_ns: before_ns })
+    }
+
+    /// Refuses a protocol that moves an axis which is not homed.
+    fn check_homed(&self, program: &Program) -> Result<(), String> {
+        let Some((segment, axis)) = program.first_unhomed(self.link.progress.read().homed) else {
+            return Ok(());
+        };
+        let name = self.rig.axes.get(axis).map_or("", |axis| &axis.name);
+        Err(format!(
+            "axis {axis} (\"{name}\") is not homed, and segment {segment} (\"{}\") needs it: run \
+             `farreach run {}` first, or begin the protocol with an `initialise` segment of the \
+             axis",
+            program.label(segment),
+            rig::home_protocol(self.rig.axes.len())
+        ))
     }
 
     fn busy(&self) -> String {

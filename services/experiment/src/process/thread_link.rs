@@ -6,7 +6,7 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use ipc_types::{Event, ExperimentAnswer};
+use ipc_types::{AXES, Event, ExperimentAnswer};
 use rtrb::{Consumer, Producer, RingBuffer};
 
 use crate::player::{Change, Program};
@@ -44,8 +44,8 @@ pub(super) struct ChangeReport {
 /// neighbouring cycle.
 #[derive(Debug, Default)]
 pub(super) struct Progress {
-    /// Bits 0 to 31: segment; 32: running; 33: completed; 34: enabled; 40 to 63: newest order
-    /// accepted.
+    /// Bits 0 to 31: segment; 32: running; 33: completed; 34: enabled; 35 to 37: homed axes; 40 to
+    /// 63: newest order accepted.
     packed: AtomicU64,
     /// Time played (s), as the bits of an `f64`.
     elapsed_s_bits: AtomicU64,
@@ -59,7 +59,10 @@ pub(super) struct Progress {
 const RUNNING: u64 = 1 << 32;
 const COMPLETED: u64 = 1 << 33;
 const ENABLED: u64 = 1 << 34;
+const HOMED_SHIFT: u32 = 35;
+const HOMED_MASK: u64 = (1 << AXES) - 1;
 const ORDER_SHIFT: u32 = 40;
+const _: () = assert!(HOMED_SHIFT as usize + AXES <= ORDER_SHIFT as usize);
 
 /// A snapshot of [`Progress`].
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -69,6 +72,8 @@ pub(super) struct ProgressSnapshot {
     pub(super) completed: bool,
     /// Whether the motor is enabled.
     pub(super) enabled: bool,
+    /// Homed axes, one bit each.
+    pub(super) homed: u8,
     pub(super) segment: u32,
     /// Time played (s).
     pub(super) elapsed_s: f64,
@@ -87,12 +92,14 @@ impl Progress {
         status: &ExperimentAnswer,
         sample_ns: u64,
         enabled: bool,
+        homed: u8,
     ) {
         let flag = |set, bit| if set { bit } else { 0 };
         let packed = u64::from(status.segment)
             | flag(status.running, RUNNING)
             | flag(status.completed, COMPLETED)
             | flag(enabled, ENABLED)
+            | (u64::from(homed) & HOMED_MASK) << HOMED_SHIFT
             | u64::from(order) << ORDER_SHIFT;
         self.elapsed_s_bits.store(status.elapsed_s.to_bits(), Ordering::Relaxed);
         self.sample_ns.store(sample_ns, Ordering::Relaxed);
@@ -116,6 +123,7 @@ impl Progress {
             running: packed & RUNNING != 0,
             completed: packed & COMPLETED != 0,
             enabled: packed & ENABLED != 0,
+            homed: (packed >> HOMED_SHIFT & HOMED_MASK) as u8,
             segment: packed as u32,
             elapsed_s: f64::from_bits(self.elapsed_s_bits.load(Ordering::Relaxed)),
             sample_ns: self.sample_ns.load(Ordering::Relaxed),
@@ -197,12 +205,13 @@ mod tests {
                 completed,
                 ..ExperimentAnswer::default()
             };
-            progress.update(order, &status, 42, enabled);
+            progress.update(order, &status, 42, enabled, 5);
             let expected = ProgressSnapshot {
                 order,
                 running,
                 completed,
                 enabled,
+                homed: 5,
                 segment,
                 elapsed_s: 1.25,
                 sample_ns: 42,

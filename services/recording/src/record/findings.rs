@@ -36,6 +36,8 @@ pub enum FindingKind {
     /// The recording is truncated (its logger was killed, the disk was full): what came after is
     /// missing.
     Torn,
+    /// Positions began to count from another zero; one stretch was kept.
+    Rezeroed,
     /// Rows were resampled to another grid.
     Resampled,
 }

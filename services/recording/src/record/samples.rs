@@ -134,6 +134,10 @@ pub fn from_recording(
             ),
         });
     }
+    findings.extend(one_zero(&mut samples, columns));
+    let Some((_, first)) = samples.first().copied() else {
+        return Err(Problem::too_few_rows(options.rows_min, 0).of(file));
+    };
     let replayed = first.backend == CardKind::Replay.code();
     let time_s = if replayed {
         findings.extend(one_pass(&mut samples));
@@ -232,6 +236,42 @@ fn pick(
         }
     }
     Ok(picked)
+}
+
+/// Positions that count from different zeros make no record: keeps the longest stretch with the
+/// same zeros, among those where the record's axes are homed if there is one.
+fn one_zero(samples: &mut Vec<(u64, Sample)>, columns: &SampleColumns) -> Option<Finding> {
+    let axes = std::iter::once(columns.axis).chain(columns.others.iter().map(|(axis, _)| *axis));
+    let wanted = axes.filter(|&axis| axis < AXES).fold(0, |bits, axis| bits | 1u8 << axis);
+    let zeros = |sample: &Sample| (sample.homing_sequence, sample.homed & wanted);
+    let mut starts = vec![0];
+    starts.extend((1..samples.len()).filter(|&i| zeros(&samples[i].1) != zeros(&samples[i - 1].1)));
+    if starts.len() == 1 {
+        return None;
+    }
+    starts.push(samples.len());
+    let stretches = starts.windows(2).map(|pair| pair[0]..pair[1]);
+    let best = stretches.max_by_key(|rows| {
+        let homed = samples.get(rows.start).is_some_and(|(_, sample)| {
+            sample.homed & wanted == wanted & ((1u8 << sample.axes.min(7)) - 1)
+        });
+        (homed, rows.len())
+    })?;
+    let all = samples.len();
+    let first_row = samples.get(best.start).map_or(0, |(row, _)| *row);
+    *samples = samples.drain(best).collect();
+    Some(Finding {
+        column: TIME.to_owned(),
+        kind: FindingKind::Rezeroed,
+        first_row,
+        rows: (all - samples.len()) as u64,
+        text: format!(
+            "positions count from {} different zeros (homing): kept the longest stretch, {} \
+             samples",
+            starts.len() - 1,
+            samples.len()
+        ),
+    })
 }
 
 /// A record that was replayed in a loop contains several passes: keeps the longest.

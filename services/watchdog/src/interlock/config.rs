@@ -1,7 +1,7 @@
 //! The interlock's configuration.
 
 use ipc_types::{AXES, Profile};
-use rig::Axis;
+use rig::{Axis, Homing};
 use runtime::Timeouts;
 
 /// What the interlock needs to know about its rig.
@@ -34,7 +34,8 @@ pub struct Config {
     pub speed_window_ns: u64,
     /// How far ahead of our clock a message's time may be (ns).
     pub future_ns: u64,
-    /// Axes of the rig; beyond any of their limits the motor loses power.
+    /// Axes of the rig; beyond any of their limits, those of homing while unhomed, the motor loses
+    /// power.
     pub axes: Vec<Axis>,
     /// Whether the rig file records that the rig does without an enable line.
     pub line_override: bool,
@@ -68,4 +69,45 @@ impl Config {
             line_override,
         }
     }
+}
+
+/// Limits of an axis at a time: those of the rig file, or those of homing.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct LimitsNow {
+    /// Lowest and highest position (rad or m).
+    pub(super) position: (f64, f64),
+    /// Highest speed (rad/s or m/s).
+    pub(super) speed: f64,
+    /// Largest magnitude of the volts (V).
+    pub(super) volts: f64,
+}
+
+impl LimitsNow {
+    /// The limits of an axis, homed or not. Positions of an unhomed axis count from power-up.
+    pub(super) fn of(axis: &Axis, homed: bool) -> Self {
+        let limits = &axis.limits;
+        let own = Self {
+            position: (limits.position_min, limits.position_max),
+            speed: limits.speed_max,
+            volts: limits.volts_max,
+        };
+        match axis.homing.as_ref().and_then(Homing::stops) {
+            Some(search) if !homed => Self {
+                position: (-search.travel_max, search.travel_max),
+                speed: search.speed_max.min(own.speed),
+                volts: search.volts_max.min(own.volts),
+            },
+            _ => own,
+        }
+    }
+}
+
+/// Longest time for which the rig may have power while these axes are unhomed (ns).
+pub(super) fn homing_time_ns(axes: &[Axis], homed: u8) -> Option<u64> {
+    axes.iter()
+        .enumerate()
+        .filter(|(at, _)| homed & 1 << at == 0)
+        .filter_map(|(_, axis)| axis.homing.as_ref().and_then(Homing::stops))
+        .map(|search| (search.time_max_s * 1e9) as u64)
+        .min()
 }

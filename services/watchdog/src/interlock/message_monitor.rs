@@ -3,7 +3,7 @@
 use ipc_types::{AXES, Capabilities, CardKind, Message, MotorCommand, Profile, Sample, TripCause};
 use rig::Encoder;
 
-use super::config::Config;
+use super::config::{Config, LimitsNow};
 use super::faults::FaultSet;
 use super::speed::SpeedWindow;
 
@@ -42,6 +42,12 @@ impl SampleMonitor {
                     return faults;
                 }
                 faults.insert_if(jumped(last, sample, config), TripCause::EncoderJump);
+                faults.insert_if(last.homed & !sample.homed != 0, TripCause::HomingLost);
+                if last.homing_sequence != sample.homing_sequence {
+                    // Positions count from another zero: they tell no speed together with the old.
+                    self.master = [SpeedWindow::new(); AXES];
+                    self.slave = [SpeedWindow::new(); AXES];
+                }
             }
             Some(_) => {
                 faults.insert(TripCause::AcquisitionChanged);
@@ -53,6 +59,7 @@ impl SampleMonitor {
         faults.merge(measured(sample, config));
         for (axis, entry) in config.axes.iter().enumerate() {
             let slave = entry.slave.as_ref().unwrap_or(&entry.master);
+            let speed_max = LimitsNow::of(entry, sample.homed & 1 << axis != 0).speed;
             for (window, position, present, encoder) in [
                 (
                     &mut self.master[axis],
@@ -65,7 +72,7 @@ impl SampleMonitor {
                 if present & (1 << axis) != 0 && position.is_finite() {
                     window.push(sample.scan_time_ns, position);
                     let speed = window.at_least(config.speed_window_ns, count(encoder));
-                    let beyond = beyond(speed.unwrap_or(0.0), entry.limits.speed_max);
+                    let beyond = beyond(speed.unwrap_or(0.0), speed_max);
                     faults.insert_if(beyond, TripCause::SpeedLimit);
                 }
             }
@@ -94,7 +101,12 @@ pub(super) struct CommandMonitor {
 
 impl CommandMonitor {
     /// Takes a command; returns the faults that it shows.
-    pub(super) fn observe(&mut self, command: &MotorCommand, config: &Config) -> FaultSet {
+    pub(super) fn observe(
+        &mut self,
+        command: &MotorCommand,
+        homed: u8,
+        config: &Config,
+    ) -> FaultSet {
         let mut faults = FaultSet::NONE;
         if command.session != config.session {
             faults.insert(TripCause::SessionMismatch);
@@ -112,7 +124,7 @@ impl CommandMonitor {
             }
             _ => {}
         }
-        faults.insert_if(volts_beyond(&command.volts, config), TripCause::VoltageLimit);
+        faults.insert_if(volts_beyond(&command.volts, homed, config), TripCause::VoltageLimit);
         self.newest = Some(*command);
         faults
     }
@@ -158,9 +170,12 @@ pub(super) fn lacks_realtime(
             || command.is_some_and(|command| command.profile != realtime))
 }
 
-/// Whether an axis gets more volts than it may; on axes that the rig lacks, any.
-fn volts_beyond(volts: &[f64; AXES], config: &Config) -> bool {
-    let most = |axis: usize| config.axes.get(axis).map_or(0.0, |axis| axis.limits.volts_max);
+/// Whether an axis gets more volts than it may, homed or not; on axes that the rig lacks, any.
+fn volts_beyond(volts: &[f64; AXES], homed: u8, config: &Config) -> bool {
+    let most = |at: usize| {
+        let axis = config.axes.get(at);
+        axis.map_or(0.0, |axis| LimitsNow::of(axis, homed & 1 << at != 0).volts)
+    };
     volts.iter().enumerate().any(|(axis, &volts)| beyond(volts, most(axis)))
 }
 
@@ -176,8 +191,8 @@ fn beyond(value: f64, limit: f64) -> bool {
 fn measured(sample: &Sample, config: &Config) -> FaultSet {
     let mut faults = FaultSet::NONE;
     for (axis, entry) in config.axes.iter().enumerate() {
-        let limits = &entry.limits;
         let bit = 1 << axis;
+        let now = LimitsNow::of(entry, sample.homed & bit != 0);
         faults.insert_if(sample.master_present & bit == 0, TripCause::SensorInvalid);
         faults.insert_if(
             entry.torque.is_some() && sample.torque_present & bit == 0,
@@ -189,7 +204,7 @@ fn measured(sample: &Sample, config: &Config) -> FaultSet {
         ] {
             if present & bit != 0 {
                 faults.insert_if(!value.is_finite(), TripCause::SensorInvalid);
-                let inside = (limits.position_min..=limits.position_max).contains(&value);
+                let inside = (now.position.0..=now.position.1).contains(&value);
                 faults.insert_if(value.is_finite() && !inside, TripCause::PositionLimit);
             }
         }
@@ -197,7 +212,8 @@ fn measured(sample: &Sample, config: &Config) -> FaultSet {
             let torque = sample.slave_torque[axis];
             faults.insert_if(!torque.is_finite(), TripCause::SensorInvalid);
             faults.insert_if(
-                torque.is_finite() && limits.torque_max.is_some_and(|most| beyond(torque, most)),
+                torque.is_finite()
+                    && entry.limits.torque_max.is_some_and(|most| beyond(torque, most)),
                 TripCause::TorqueLimit,
             );
         }
@@ -206,10 +222,10 @@ fn measured(sample: &Sample, config: &Config) -> FaultSet {
             faults.insert_if(!volts.is_finite(), TripCause::SensorInvalid);
             // A replayed record shows volts of another day: they reach no motor.
             let live = takes_volts(sample) && volts.is_finite();
-            faults.insert_if(live && beyond(volts, limits.volts_max), TripCause::VoltageLimit);
+            faults.insert_if(live && beyond(volts, now.volts), TripCause::VoltageLimit);
         }
     }
-    faults.insert_if(volts_beyond(&sample.output_v, config), TripCause::VoltageLimit);
+    faults.insert_if(volts_beyond(&sample.output_v, sample.homed, config), TripCause::VoltageLimit);
     for (channel, volts) in sample.analog_v.iter().enumerate() {
         let present = sample.analog_present & (1 << channel) != 0;
         faults.insert_if(present && !volts.is_finite(), TripCause::SensorInvalid);

@@ -208,6 +208,15 @@ fn sensor_faults() -> Vec<Fault> {
             within: [1, 1],
         },
         Fault {
+            cause: TripCause::HomingLost,
+            begin: |w| {
+                w.sample.homed = 0;
+                w.sample.homing_sequence += 1;
+            },
+            end: |w| w.sample.homed = 1,
+            within: [1, 1],
+        },
+        Fault {
             cause: TripCause::SensorInvalid,
             begin: |w| w.sample.master_present = 0,
             end: |w| w.sample.master_present = 1,

@@ -21,6 +21,15 @@ pub(crate) fn config(profile: Profile) -> Config {
         encoder_jump_counts: 20,
     };
     axis.torque = None;
+    axis.homing = Some(rig::Homing::Stops(rig::StopSearch {
+        lower: -0.9,
+        upper: 0.9,
+        tolerance: 0.1,
+        volts_max: 3.0,
+        speed_max: 2.0,
+        travel_max: 1.5,
+        time_max_s: 0.5,
+    }));
     axis.master.counts_per_unit = 1.0 / COUNT;
     axis.slave = Some(axis.master);
     Config::for_profile(profile, SESSION, 31, &[axis], false)
@@ -50,6 +59,7 @@ impl World {
             torque_present: 1,
             motor_present: 1,
             analog_present: 1,
+            homed: 1,
             backend: CardKind::Simulated.code(),
             profile: profile.code(),
             ..Sample::default()

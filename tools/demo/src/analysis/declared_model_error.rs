@@ -47,8 +47,9 @@ impl Model {
 const INITIAL: usize = 20;
 
 /// Simulates the declared plant, and the hand that the rig file declares, on the recorded motor
-/// volts from the first sample on, with the effects that the rig file declares and no others. The
-/// simulation runs open loop: nothing corrects it towards the measurement.
+/// volts from the first sample on (of those with the last zeros, where the rig was homed), with
+/// the effects that the rig file declares and no others. The simulation runs open loop: nothing
+/// corrects it towards the measurement.
 ///
 /// Volts are held from a scan to the next; where ticks are missing, the last are held over the
 /// hole. `None` where the rig file's model is none that `plant` simulates with volts as its input,
@@ -57,7 +58,9 @@ const INITIAL: usize = 20;
 /// # Errors
 /// Where the rig file gives the model a value that it cannot have.
 pub fn model(samples: &[Sample], rig: &RigFile) -> anyhow::Result<Option<Model>> {
-    let rows = by_tick(samples);
+    let mut rows = by_tick(samples);
+    let zeros = rows.last().map_or(0, |row| row.homing_sequence);
+    rows.retain(|row| row.homing_sequence == zeros);
     let (Some(first), 1, true) = (rows.first(), rig.axes.len(), rig.model.kind.is_transmission())
     else {
         return Ok(None);

@@ -47,6 +47,7 @@ pub fn table(status: &RigStatus, now: SystemTime, width: usize) -> String {
             ));
         }
     }
+    lines.extend(unhomed_line(&status.unhomed, rig::home_protocol(status.axes)));
     if let Some(recording) = &status.recording {
         lines.push(match &recording.file {
             Some(file) => {
@@ -106,6 +107,19 @@ fn headline(status: &RigStatus, now: SystemTime) -> String {
         };
     }
     line
+}
+
+/// Tells which axes are not homed, and what to do.
+fn unhomed_line(axes: &[usize], protocol: &str) -> Option<String> {
+    let names: Vec<String> = axes.iter().map(usize::to_string).collect();
+    let which = match &names[..] {
+        [] => return None,
+        [one] => format!("axis {one} is"),
+        several => format!("axes {} are", several.join(", ")),
+    };
+    Some(format!(
+        "homing    {which} NOT HOMED: positions count from power-up (farreach run {protocol})"
+    ))
 }
 
 fn watchdog_line(watchdog: &WatchdogStatus, now: SystemTime) -> String {

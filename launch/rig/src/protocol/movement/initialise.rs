@@ -4,6 +4,7 @@ use ipc_types::Mode;
 
 use crate::axis_unit::AxisUnit;
 use crate::checked_toml::{Bounds, Keys, Section, bounds};
+use crate::homing::Homing;
 use crate::protocol::segment_kind::{Placement, SegmentKind};
 use crate::protocol::trajectory::Point;
 use crate::protocol::unit_keys::{AMPLITUDE_DEG, AMPLITUDE_M, DURATION, UnitKeys};
@@ -118,6 +119,23 @@ impl SegmentKind for Initialise {
             let expected = format!("at most control.output_limit_v of the rig file ({limit} V)");
             let advice = "drive gently against an end";
             return placed.source.problem(&placed.key("volts"), expected, self.volts, advice);
+        }
+        if let Some(search) = placed.axis.homing.as_ref().and_then(Homing::stops) {
+            if self.volts > search.volts_max {
+                let expected =
+                    format!("at most homing.volts_max of the rig file ({} V)", search.volts_max);
+                let advice = "an unhomed axis has limits of its own";
+                return placed.source.problem(&placed.key("volts"), expected, self.volts, advice);
+            }
+            if self.speed > search.speed_max {
+                let expected = format!(
+                    "at most homing.speed_max of the rig file ({}/s)",
+                    placed.show(search.speed_max)
+                );
+                let found = format!("{}/s", placed.show(self.speed));
+                let key = placed.first_key(["speed_deg_s", "speed_m_s"]);
+                return placed.source.problem(&key, expected, found, "move more slowly");
+            }
         }
         let ends = if self.both { 2.0 } else { 1.0 };
         let travel = limits.position_max - limits.position_min;

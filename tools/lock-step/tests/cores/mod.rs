@@ -1,0 +1,322 @@
+//! The pure cores of every process of a rig, each called when its grid says so; a message is seen
+//! by whoever looks after it was sent, as through shared memory. Nothing sleeps and nothing is
+//! shared.
+#![allow(dead_code, unreachable_pub)]
+
+use std::sync::Arc;
+
+use acquisition::Converter;
+use acquisition::homing::Homing;
+use control::law::{Law, LawConfig};
+use control::setpoint_validation::SetpointValidation;
+use experiment::player::{Change, Player, Program, Zeros};
+use ipc_types::{
+    AXES, EnableToken, GateState, HomeOrder, MotorCommand, Profile, Sample, Setpoint, Verb,
+    WatchdogState,
+};
+use rig::RigFile;
+use rig::protocol::Protocol;
+use runtime::Timeouts;
+use runtime::daq::{Present, Scan};
+use runtime::gate::{Gate, GateConfig};
+use simulator::Card;
+use watchdog::interlock::{Config, Interlock, Peers};
+
+pub const SESSION: u64 = 7;
+pub const ACQUISITION: u64 = 11;
+pub const CONTROL: u64 = 12;
+pub const WATCHDOG: u64 = 13;
+pub const EXPERIMENT: u64 = 14;
+pub const PROFILE: Profile = Profile::Realtime;
+
+/// One cycle of control as it was: what it saw, and what it answered.
+pub struct Cycle {
+    pub sample: Sample,
+    pub setpoint: Option<Setpoint>,
+    pub powered: bool,
+    pub command: MotorCommand,
+}
+
+/// The processes of one rig, without what is between them.
+pub struct Rig {
+    pub card: Card,
+    pub homing: Homing,
+    orders: Vec<HomeOrder>,
+    converter: Converter,
+    pub gate: Gate,
+    law: Law,
+    pub machine: Interlock,
+    pub player: Player,
+    program: Arc<Program>,
+    validation: SetpointValidation,
+    /// Changes of the player's state.
+    pub changes: Vec<Change>,
+    /// A trip of the watchdog ends the test, unless it is what the test wants.
+    pub may_trip: bool,
+    present: Present,
+    /// What was sent last, by topic; a list where the receiver takes every message.
+    scans: Vec<Scan>,
+    output: Option<[f64; AXES]>,
+    lines: Vec<(u64, u64)>,
+    toggles: u64,
+    tokens: Vec<EnableToken>,
+    newest_token: Option<EnableToken>,
+    commands: Vec<MotorCommand>,
+    watched_commands: Vec<MotorCommand>,
+    watched_samples: Vec<Sample>,
+    pub newest_sample: Option<Sample>,
+    setpoint: Option<Setpoint>,
+    sent: Option<Setpoint>,
+    /// Numbers of the next sample, command and setpoint.
+    sequences: [u64; 3],
+    pub cycles: Vec<Cycle>,
+}
+
+impl Rig {
+    pub fn new(rig: &RigFile, protocol: &str) -> Self {
+        let protocol = Protocol::parse(protocol, "protocol.toml").unwrap();
+        let volts_max = |axis: usize| rig.axes.get(axis).map_or(0.0, |axis| axis.limits.volts_max);
+        let bits = (1u8 << rig.axes.len()) - 1;
+        Self {
+            card: Card::new(rig, &[], Timeouts::of(PROFILE).enable_line_ns).unwrap(),
+            homing: Homing::absolute(rig),
+            orders: Vec::new(),
+            converter: Converter::new(rig),
+            gate: Gate::new(GateConfig::for_profile(
+                PROFILE,
+                SESSION,
+                ACQUISITION,
+                rig.axes.len(),
+                std::array::from_fn(volts_max),
+            )),
+            law: Law::new(LawConfig::of_rig(rig)),
+            machine: Interlock::new(Config::for_profile(
+                PROFILE, SESSION, WATCHDOG, &rig.axes, false,
+            )),
+            player: Player::default(),
+            program: Arc::new(Program::new(&protocol, rig).unwrap()),
+            validation: SetpointValidation::of_rig(SESSION, rig),
+            changes: Vec::new(),
+            may_trip: false,
+            present: Present { master: bits, slave: bits, motor: bits, analog: rig.channel_bits() },
+            scans: Vec::new(),
+            output: None,
+            lines: Vec::new(),
+            toggles: 0,
+            tokens: Vec::new(),
+            newest_token: None,
+            commands: Vec::new(),
+            watched_commands: Vec::new(),
+            watched_samples: Vec::new(),
+            newest_sample: None,
+            setpoint: None,
+            sent: None,
+            sequences: [0; 3],
+            cycles: Vec::new(),
+        }
+    }
+
+    fn next(&mut self, topic: usize) -> u64 {
+        self.sequences[topic] += 1;
+        self.sequences[topic] - 1
+    }
+
+    pub fn simulator(&mut self, tick: u64, now: u64) {
+        for (toggles, time_ns) in self.lines.drain(..) {
+            self.card.enable_line(1, toggles, time_ns);
+        }
+        if let Some(volts) = self.output.take() {
+            self.card.write(volts, 0, ACQUISITION);
+        }
+        let scan = self.card.clock(tick, now);
+        self.scans.push(Scan::of_card(&scan, self.present));
+    }
+
+    pub fn acquisition(&mut self, now: u64) {
+        for token in self.tokens.drain(..) {
+            self.gate.observe_token(&token);
+        }
+        for command in self.commands.drain(..) {
+            self.gate.observe_command(&command);
+        }
+        let output = self.gate.step(now);
+        self.output = Some(output.volts);
+        for order in self.orders.drain(..) {
+            let _repeated = self.homing.order(&order);
+        }
+        for scan in std::mem::take(&mut self.scans) {
+            self.homing.observe(&scan);
+            let sample = Sample {
+                session: SESSION,
+                incarnation: ACQUISITION,
+                sequence: self.next(0),
+                time_ns: now,
+                output_v: output.volts,
+                epoch: output.epoch,
+                token_sequence: output.token_sequence,
+                command_incarnation: output.command_incarnation,
+                command_sequence: output.command_sequence,
+                gate_state: output.state.code(),
+                gate_cause: output.cause.code(),
+                backend: ipc_types::CardKind::Simulated.code(),
+                profile: PROFILE.code(),
+                ..self.converter.convert(&scan, self.homing.zeros())
+            };
+            self.watched_samples.push(sample);
+            self.newest_sample = Some(sample);
+        }
+    }
+
+    pub fn control(&mut self, now: u64) {
+        let Some(sample) = self.newest_sample else { return };
+        self.validation.see(&sample);
+        if let Some(next) = self.sent.take()
+            && self.validation.validate(now, &next).is_ok()
+        {
+            self.setpoint = Some(next);
+        }
+        let token = self.newest_token;
+        let powered = token.is_some_and(|token| {
+            token.enabled == 1
+                && token.control_incarnation == CONTROL
+                && sample.epoch == token.epoch
+                && sample.gate_state == GateState::Open.code()
+        });
+        let command = self.law.step(now, &sample, self.setpoint.as_ref(), powered);
+        self.cycles.push(Cycle { sample, setpoint: self.setpoint, powered, command });
+        let command = MotorCommand {
+            session: SESSION,
+            incarnation: CONTROL,
+            sequence: self.next(1),
+            time_ns: now,
+            token_sequence: token.map_or(0, |token| token.sequence),
+            epoch: token.map_or(0, |token| token.epoch),
+            profile: PROFILE.code(),
+            ..command
+        };
+        self.commands.push(command);
+        self.watched_commands.push(command);
+    }
+
+    pub fn watchdog(&mut self, now: u64) {
+        for sample in self.watched_samples.drain(..) {
+            self.machine.observe_sample(&sample);
+        }
+        for command in self.watched_commands.drain(..) {
+            self.machine.observe_command(&command);
+        }
+        // A person who asks until it is done.
+        let verb = match self.machine.state() {
+            WatchdogState::Faulted | WatchdogState::Tripped => Some(Verb::Reset),
+            WatchdogState::Disarmed => Some(Verb::Arm),
+            WatchdogState::Armed => Some(Verb::Enable),
+            WatchdogState::Enabled => None,
+        };
+        let tripped = self.machine.state() == WatchdogState::Tripped;
+        assert!(!tripped || self.may_trip, "{:?}", self.machine.cause());
+        if let Some(verb) = verb.filter(|_| !tripped) {
+            let _refused = self.machine.command(verb, now);
+        }
+        let outputs = self.machine.step(now, Peers { launcher_alive: true, keeper_alive: true });
+        // The machine counts its tokens itself, and the publisher stamps the same number.
+        let token =
+            EnableToken { session: SESSION, incarnation: WATCHDOG, time_ns: now, ..outputs.token };
+        self.tokens.push(token);
+        self.newest_token = Some(token);
+        self.toggles += u64::from(outputs.toggle_line);
+        self.lines.push((self.toggles, now));
+    }
+
+    pub fn experiment(&mut self, now: u64, begin: bool) {
+        if begin {
+            self.player.start(Arc::clone(&self.program), 1);
+        }
+        let measured = self.newest_sample.map_or([f64::NAN; AXES], |sample| {
+            std::array::from_fn(|axis| match sample.master_present >> axis & 1 {
+                1 => sample.master_position[axis],
+                _ => f64::NAN,
+            })
+        });
+        let seen = |sample: Sample, axis: usize| sample.slave_present >> axis & 1 == 1;
+        self.player.see_handles(self.newest_sample.map_or([f64::NAN; AXES], |sample| {
+            std::array::from_fn(|axis| match seen(sample, axis) {
+                true => sample.slave_position[axis],
+                false => f64::NAN,
+            })
+        }));
+        self.player.see_zeros(self.newest_sample.as_ref().map(Zeros::from));
+        let output = self.player.step(now, &measured);
+        self.orders.extend(self.player.home_order());
+        self.changes.extend(output.change);
+        if let Some(setpoint) = output.setpoint {
+            let sequence = self.next(2);
+            self.sent = Some(Setpoint {
+                session: SESSION,
+                incarnation: EXPERIMENT,
+                sequence,
+                time_ns: now,
+                ..setpoint
+            });
+        }
+    }
+}
+
+/// Periods of the card that pass before control starts: the lock-step rig's control sees the third
+/// scan first.
+pub const BEFORE_CONTROL: u64 = 2;
+/// Periods of the card from its first scan to the start of the protocol: power comes before.
+const BEFORE_PROTOCOL: u64 = 400;
+
+/// The time grid of a rig: which process runs when.
+pub struct Timeline {
+    rates: rig::Rates,
+    phases: rig::Phases,
+    /// Tick of the first scan.
+    pub first: u64,
+    begun: bool,
+}
+
+impl Timeline {
+    pub fn new(rig: &RigFile) -> Self {
+        let ratio = rig.rates.control_period_ns() / rig.rates.acquisition_period_ns();
+        // A clock that has been running for hours, and a card that comes up so that control's grid
+        // hits its third scan.
+        let first = (20_000_000 / 12) * 12 + 12 * ratio - BEFORE_CONTROL;
+        Self { rates: rig.rates, phases: rig.phases, first, begun: false }
+    }
+
+    /// All that happens within one period of the card, in the order of the phases; on a wrap, in
+    /// the next one.
+    pub fn run(&mut self, live: &mut Rig, tick: u64) {
+        let card = self.rates.acquisition_period_ns();
+        let start = tick * card;
+        let mut due: Vec<(u64, u8)> =
+            vec![(self.phases.simulator_ns, 0), (self.phases.acquisition_ns, 1)];
+        for (period, phase, who) in [
+            (self.rates.control_period_ns(), self.phases.control_ns, 2),
+            (self.rates.watchdog_period_ns(), self.phases.watchdog_ns, 3),
+            (self.rates.experiment_period_ns(), self.phases.experiment_ns, 4),
+        ] {
+            let within = (start % period, start % period + card);
+            if (within.0..within.1).contains(&(phase % period)) {
+                due.push((phase - within.0, who));
+            }
+        }
+        due.sort_unstable();
+        for (after, who) in due {
+            let now = start + after;
+            match who {
+                0 => live.simulator(tick, now),
+                1 => live.acquisition(now),
+                2 if tick >= self.first + BEFORE_CONTROL => live.control(now),
+                2 => {}
+                3 => live.watchdog(now),
+                _ => {
+                    let begin = !self.begun && tick > self.first + BEFORE_PROTOCOL;
+                    self.begun |= begin;
+                    live.experiment(now, begin);
+                }
+            }
+        }
+    }
+}
