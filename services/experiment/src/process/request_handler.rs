@@ -118,12 +118,13 @@ impl RequestHandler {
                     .to_owned(),
             );
         }
+        // Before the permission, so that nobody powers a rig for a protocol that it cannot play.
+        self.check_homed(&program)?;
         if !self.link.progress.read().enabled {
             // The token that shows a fresh `enable` may still be on its way.
             self.wait_until(PERMISSION_LIMIT, |link| link.progress.read().enabled)
                 .map_err(|_| "the motor is not enabled: farreach reset, arm, enable".to_owned())?;
         }
-        self.check_homed(&program)?;
         if let Err(reason) = find_references(&program, &self.learnt) {
             // In the recording, too: nothing is played, and why.
             let event = Event::new(
