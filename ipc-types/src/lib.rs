@@ -21,6 +21,7 @@ mod requests;
 mod sequence;
 mod topics;
 mod types;
+mod zeros;
 
 pub use card::*;
 pub use codes::*;
@@ -32,6 +33,7 @@ pub use requests::*;
 pub use sequence::{Arrival, SequenceTracker};
 pub use topics::*;
 pub use types::*;
+pub use zeros::Zeros;
 
 /// Most axes that one rig has.
 pub const AXES: usize = 3;

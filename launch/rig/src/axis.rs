@@ -5,7 +5,7 @@ use crate::axis_unit::AxisUnit;
 use crate::checked_toml::{Keys, Section};
 use crate::effect::ModelEffect;
 use crate::encoder::Encoder;
-use crate::homing::Homing;
+use crate::homing::{Homing, StopSearch};
 use crate::limits::Limits;
 use crate::parameter::Parameter;
 use crate::rates::Rates;
@@ -83,5 +83,13 @@ impl Axis {
         let model = Parameter::read_all(&section.section("model"));
         let effects = ModelEffect::read_all(&section, "[[axes.effects]]");
         Self { name, unit, master, slave, torque, limits, homing, control, model, effects }
+    }
+
+    /// The search for its stops; `None` where its encoders are absolute, or the file does not say.
+    pub const fn stop_search(&self) -> Option<&StopSearch> {
+        match &self.homing {
+            Some(Homing::Stops(search)) => Some(search),
+            Some(Homing::Absolute) | None => None,
+        }
     }
 }

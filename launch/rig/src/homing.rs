@@ -48,8 +48,8 @@ const TIME: Bounds = bounds(1.0, 3600.0, "in s; a search takes half a minute");
 /// turns further than the handle by the ratio of the line and its windup.
 const TRAVEL_SHARE: f64 = 1.5;
 
-const LOWER: KeyNames = KeyNames("lower_stop_deg", "lower_stop_m");
-const UPPER: KeyNames = KeyNames("upper_stop_deg", "upper_stop_m");
+pub(crate) const LOWER_STOP: KeyNames = KeyNames("lower_stop_deg", "lower_stop_m");
+pub(crate) const UPPER_STOP: KeyNames = KeyNames("upper_stop_deg", "upper_stop_m");
 
 const KEYS: Keys = &[
     ("method", "How the zero of the positions is found after power-up."),
@@ -79,21 +79,13 @@ impl Homing {
         }
         Some(Self::Stops(StopSearch::read(&section, unit)))
     }
-
-    /// The search for the stops; `None` where the encoders are absolute.
-    pub const fn stops(&self) -> Option<&StopSearch> {
-        match self {
-            Self::Absolute => None,
-            Self::Stops(search) => Some(search),
-        }
-    }
 }
 
 impl StopSearch {
     fn read(section: &Section<'_>, unit: AxisUnit) -> Self {
         let scale = unit.si_per_file_unit();
         let stop = unit.choose(STOP_DEG, STOP_M);
-        let (lower_key, upper_key) = (unit.key(section, LOWER), unit.key(section, UPPER));
+        let (lower_key, upper_key) = (unit.key(section, LOWER_STOP), unit.key(section, UPPER_STOP));
         let lower = section.number(lower_key, stop);
         let upper = section.number(upper_key, stop);
         if lower >= upper {
@@ -130,6 +122,11 @@ impl StopSearch {
             travel_max: travel * scale,
             time_max_s: section.number_or("time_max_s", 60.0, TIME),
         }
+    }
+
+    /// Range of the positions of an unhomed axis, which count from power-up (rad or m).
+    pub const fn range(&self) -> (f64, f64) {
+        (-self.travel_max, self.travel_max)
     }
 
     /// Distance between the stops (rad or m).

@@ -77,4 +77,11 @@ impl Limits {
                 as i64,
         }
     }
+
+    /// Whether an encoder's count changed by more between two scans than the machine can move in
+    /// so many ticks.
+    pub fn is_jump(&self, before: i64, after: i64, ticks: u64) -> bool {
+        let allowed = u128::from(self.encoder_jump_counts.unsigned_abs()) * u128::from(ticks);
+        u128::from(before.abs_diff(after)) > allowed
+    }
 }

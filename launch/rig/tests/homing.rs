@@ -15,8 +15,7 @@ fn edited(from: &str, to: &str) -> Result<RigFile, String> {
 #[test]
 fn the_stops_and_their_limits_are_read() {
     let rig = RigFile::parse(RIG, "rig.toml").unwrap();
-    let search = rig.axes[0].homing.unwrap();
-    let search = search.stops().unwrap();
+    let search = rig.axes[0].stop_search().unwrap();
     assert!((search.travel() - 170f64.to_radians()).abs() < 1e-12);
     assert!((search.travel_max - 255f64.to_radians()).abs() < 1e-12);
     assert_eq!((search.volts_max, search.time_max_s), (5.0, 60.0));

@@ -1,10 +1,8 @@
 //! Counts and volts to SI, by the rig file's channel map.
 
-use ipc_types::{AXES, Sample};
+use ipc_types::{AXES, Sample, Zeros};
 use rig::{Axis, RigFile};
 use runtime::daq::Scan;
-
-use crate::homing::Zeros;
 
 /// Converts scans of a rig. Allocates nothing.
 #[derive(Clone, Debug)]

@@ -14,24 +14,11 @@
 //! The state outlasts this process ([`HomingState`], which the process keeps in a file), but not a
 //! power-up of the card: its counts then begin anew.
 
-use ipc_types::{AXES, HomeOrder};
-use rig::{Axis, Homing as Declared, RigFile};
+use ipc_types::{AXES, HomeOrder, Zeros};
+use rig::{Axis, Homing as Declared, Limits, RigFile};
 use runtime::daq::Scan;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
-
-/// Zeros of the encoders, as samples carry them.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Zeros {
-    /// Count of each master at position 0.
-    pub master: [i64; AXES],
-    /// Count of each slave at position 0.
-    pub slave: [i64; AXES],
-    /// Axes whose positions are absolute, one bit each.
-    pub homed: u8,
-    /// Rises with every change; 0 while nothing was ever counted from power-up.
-    pub sequence: u64,
-}
 
 /// What is kept over a restart of acquisition.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -98,8 +85,7 @@ struct Rules {
     /// Its encoders are incremental.
     incremental: bool,
     has_slave: bool,
-    /// Largest plausible change of a count in one tick.
-    jump_counts: u64,
+    limits: Limits,
 }
 
 /// The counts of the scan before.
@@ -143,7 +129,7 @@ impl Homing {
             *rules = Rules {
                 incremental: is_incremental(axis),
                 has_slave: axis.slave.is_some(),
-                jump_counts: axis.limits.encoder_jump_counts.unsigned_abs(),
+                limits: axis.limits,
             };
         }
         let kept = kept.filter(|kept| kept.session == session);
@@ -171,7 +157,8 @@ impl Homing {
     /// Follows a scan, before it is converted.
     pub fn observe(&mut self, scan: &Scan) -> Changes {
         let mut changes = Changes::default();
-        if self.incremental() == 0 {
+        let incremental = self.incremental();
+        if incremental == 0 {
             return changes;
         }
         let before = self.before.replace(Before {
@@ -182,25 +169,20 @@ impl Homing {
         });
         if self.power_up != Some(scan.power_up) {
             self.power_up = Some(scan.power_up);
-            for axis in (0..AXES).filter(|&axis| self.rules[axis].incremental) {
+            for axis in (0..AXES).filter(|&axis| incremental & 1 << axis != 0) {
                 // A first scan takes nothing away.
-                let had = self.zeros.homed & 1 << axis != 0;
-                changes.lost[axis] = had.then_some(Lost::PowerUp);
-                self.zeros.homed &= !(1 << axis);
-                self.zeros.master[axis] = scan.master_counts[axis];
-                self.zeros.slave[axis] = scan.slave_counts[axis];
+                changes.lost[axis] = self.zeros.is_homed(axis).then_some(Lost::PowerUp);
+                self.unhome(axis, scan);
             }
             // Above every sequence of an earlier power-up.
             self.zeros.sequence = (self.zeros.sequence + 1).max(scan.time_ns);
             changes.kept = true;
             return changes;
         }
-        let homed = self.zeros.homed;
-        for axis in (0..AXES).filter(|&axis| homed & 1 << axis != 0) {
+        let homed = self.zeros;
+        for axis in (0..AXES).filter(|&axis| homed.is_homed(axis)) {
             if let Some(lost) = self.rules[axis].lost(axis, before.as_ref(), scan) {
-                self.zeros.homed &= !(1 << axis);
-                self.zeros.master[axis] = scan.master_counts[axis];
-                self.zeros.slave[axis] = scan.slave_counts[axis];
+                self.unhome(axis, scan);
                 self.zeros.sequence += 1;
                 changes.lost[axis] = Some(lost);
                 changes.kept = true;
@@ -233,6 +215,13 @@ impl Homing {
         Ok(Changes { homed: 1 << axis, kept: true, ..Changes::default() })
     }
 
+    /// From this scan on the positions of an axis count from where it is.
+    fn unhome(&mut self, axis: usize, scan: &Scan) {
+        self.zeros.homed &= !(1 << axis);
+        self.zeros.master[axis] = scan.master_counts[axis];
+        self.zeros.slave[axis] = scan.slave_counts[axis];
+    }
+
     fn incremental(&self) -> u8 {
         (0..AXES).fold(0, |bits, axis| bits | u8::from(self.rules[axis].incremental) << axis)
     }
@@ -249,10 +238,9 @@ impl Rules {
             return Some(Lost::Absent);
         }
         let before = before?;
-        let ticks = u128::from(scan.tick.saturating_sub(before.tick).max(1));
-        let allowed = u128::from(self.jump_counts) * ticks;
+        let ticks = scan.tick.saturating_sub(before.tick).max(1);
         let jumped = |before: i64, now: i64, present: u8| {
-            present & bit != 0 && u128::from(before.abs_diff(now)) > allowed
+            present & bit != 0 && self.limits.is_jump(before, now, ticks)
         };
         let jump = jumped(before.master[axis], scan.master_counts[axis], before.present.0)
             || (self.has_slave

@@ -95,8 +95,9 @@ fn write(path: &Path, state: &HomingState) -> Result<(), String> {
 
 #[cfg(test)]
 mod tests {
+    use ipc_types::Zeros;
+
     use super::*;
-    use crate::homing::Zeros;
 
     #[test]
     fn the_newest_state_is_read_back_and_a_damaged_one_is_refused_once() {

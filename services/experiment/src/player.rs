@@ -26,14 +26,13 @@ mod supervision;
 use std::collections::VecDeque;
 use std::sync::Arc;
 
-use ipc_types::{AXES, ExperimentAnswer, Setpoint};
+use ipc_types::{AXES, ExperimentAnswer, Setpoint, Zeros};
 
 use crate::ilc_trial::IlcTrials;
 use crate::range_finder::RangeFinder;
 use crate::state::PlayerState;
 
 use axis_homing::PendingOrder;
-pub use axis_homing::Zeros;
 pub use ilc_job::IlcJob;
 use ilc_job::JOBS;
 pub use program::Program;

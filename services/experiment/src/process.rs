@@ -12,7 +12,7 @@ use std::sync::atomic::AtomicBool;
 
 use ipc_types::{
     AXES, EnableToken, Event, EventKind, GateState, HOME_ORDER, Heartbeat, HomeOrder, Process,
-    Profile, SAMPLE, SETPOINT, Sample, Setpoint, Severity, TOKEN, WatchdogState,
+    Profile, SAMPLE, SETPOINT, Sample, Setpoint, Severity, TOKEN, WatchdogState, Zeros,
 };
 use rig::RigFile;
 use rig::protocol::Protocol;
@@ -23,7 +23,7 @@ use runtime::{
 };
 use thiserror::Error;
 
-use crate::player::{Change, LEASE_NS, Notice, Permission, Player, Program, Zeros};
+use crate::player::{Change, LEASE_NS, Notice, Permission, Player, Program};
 use crate::state::PlayerState;
 
 use ilc_worker::IlcWorker;
@@ -265,7 +265,7 @@ impl Runner {
             }
         }
         let enabled = matches!(permission, Permission::Enabled(_));
-        let homed = self.newest.map_or(0, |sample| sample.homed);
+        let homed = self.newest.as_ref().map_or(0, |sample| sample.homed);
         self.link.progress.update(self.taken, &self.player.status(), sample_ns, enabled, homed);
         Ok(())
     }

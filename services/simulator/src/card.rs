@@ -10,7 +10,7 @@ use plant::transmission::{Input, Motion};
 use rand::{RngExt as _, SeedableRng};
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64Mcg;
-use rig::{Axis, ChannelKind, Hand, HandKind, Homing, RigFile};
+use rig::{Axis, ChannelKind, Hand, HandKind, RigFile};
 use thiserror::Error;
 
 /// Why the simulated card cannot be built from a rig file.
@@ -59,7 +59,7 @@ impl PowerUp {
         let mut generator = Pcg64Mcg::seed_from_u64(seed);
         let mut found = Self::default();
         for (at, axis) in rig.axes.iter().enumerate().take(AXES) {
-            let Some(search) = axis.homing.as_ref().and_then(Homing::stops) else { continue };
+            let Some(search) = axis.stop_search() else { continue };
             let (lower, upper) = rig.simulation.end_stops.unwrap_or((search.lower, search.upper));
             let share = generator.random_range(-FOUND_WITHIN..FOUND_WITHIN);
             found.handle[at] = 0.5 * (lower + upper) + 0.5 * share * (upper - lower);

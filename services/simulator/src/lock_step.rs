@@ -6,7 +6,7 @@ use ipc_types::{AXES, CARD_FIFO, CardKind};
 use rig::RigFile;
 use runtime::daq::{Daq, DaqError, Present, Scan};
 
-use crate::card::{Card, CardError, PowerUp};
+use crate::card::{Card, CardError};
 
 /// A simulated card that time passes on only when [`LockStepDaq::advance`] is called.
 #[derive(Debug)]
@@ -42,13 +42,6 @@ impl LockStepDaq {
             keeps_power,
             sequence: 0,
         })
-    }
-
-    /// The same card, powered up elsewhere. Call before the first scan.
-    #[must_use]
-    pub fn with_power_up(mut self, power_up: PowerUp) -> Self {
-        self.card = self.card.with_power_up(power_up);
-        self
     }
 
     /// The card itself.

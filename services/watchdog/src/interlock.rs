@@ -182,8 +182,7 @@ impl Interlock {
 
     /// Processes a received motor command.
     pub fn observe_command(&mut self, command: &MotorCommand) {
-        let homed = self.samples.newest.map_or(0, |sample| sample.homed);
-        let faults = self.commands.observe(command, homed, &self.config);
+        let faults = self.commands.observe(command, self.samples.homed(), &self.config);
         self.momentary.merge(faults);
     }
 
@@ -321,10 +320,9 @@ impl Interlock {
                 && now_ns.saturating_sub(self.enabled_at_ns) > config.gate_open_ns,
             TripCause::GateNotOpen,
         );
-        let homed = self.samples.newest.map_or(0, |sample| sample.homed);
         active.insert_if(
             self.state == WatchdogState::Enabled
-                && homing_time_ns(&config.axes, homed)
+                && homing_time_ns(&config.axes, self.samples.homed())
                     .is_some_and(|most| now_ns.saturating_sub(self.enabled_at_ns) > most),
             TripCause::HomingTime,
         );
@@ -449,7 +447,7 @@ impl Interlock {
             state: self.state.code(),
             cause: self.cause.code(),
             profile: self.config.profile.code(),
-            homed: sample.map_or(0, |sample| sample.homed),
+            homed: self.samples.homed(),
             ..EnableToken::default()
         }
     }

@@ -31,9 +31,9 @@ pub mod ilc;
 use std::collections::VecDeque;
 
 use acquisition::Converter;
-use acquisition::homing::{Homing, Zeros};
+use acquisition::homing::Homing;
 use control::law::{Law, LawConfig};
-use ipc_types::{AXES, Mode, MotorCommand, Sample, Setpoint};
+use ipc_types::{AXES, Mode, MotorCommand, Sample, Setpoint, Zeros};
 use plant::transmission::Motion;
 use rig::{ChannelKind, RigFile};
 use runtime::daq::{Daq, DaqError};

@@ -97,7 +97,7 @@ fn homed(rig: &RigFile, seed: u64) -> (i64, i64) {
     assert_eq!(ended, Some(Change::Done), "seed {seed}: {:?}", bench.live.machine.cause());
     assert_eq!(bench.live.machine.state(), WatchdogState::Enabled);
     assert_eq!(bench.live.homing.zeros().homed, 1);
-    let limit_v = rig.axes[0].homing.unwrap().stops().unwrap().volts_max;
+    let limit_v = rig.axes[0].stop_search().unwrap().volts_max;
     let mut homed = false;
     for cycle in &bench.live.cycles {
         let volts = cycle.command.volts[0].abs();

@@ -4,7 +4,7 @@ use crate::axis::Axis;
 use crate::axis_unit::AxisUnit;
 use crate::channel::{Channel, ChannelKind};
 use crate::checked_toml::Source;
-use crate::homing::Homing;
+use crate::homing::{LOWER_STOP, UPPER_STOP};
 use crate::limits::{POSITION_MAX, POSITION_MIN, TORQUE_MAX};
 use crate::rates::Rates;
 
@@ -67,18 +67,15 @@ fn check_range(axis: &Axis, path: &impl Fn(&str) -> String, source: &Source<'_>)
 
 /// The stops lie within the position limits: a homed axis begins at one of them.
 fn check_stops(axis: &Axis, path: &impl Fn(&str) -> String, source: &Source<'_>) {
-    let Some(Homing::Stops(search)) = &axis.homing else { return };
-    let (limits, unit) = (&axis.limits, axis.unit);
-    let scale = unit.si_per_file_unit();
-    for (stop, key) in [
-        (search.lower, unit.choose("homing.lower_stop_deg", "homing.lower_stop_m")),
-        (search.upper, unit.choose("homing.upper_stop_deg", "homing.upper_stop_m")),
-    ] {
+    let Some(search) = axis.stop_search() else { return };
+    let (limits, scale) = (&axis.limits, axis.unit.si_per_file_unit());
+    for (stop, key) in [(search.lower, LOWER_STOP), (search.upper, UPPER_STOP)] {
         if !(limits.position_min..=limits.position_max).contains(&stop) {
             let (least, most) = (limits.position_min / scale, limits.position_max / scale);
             let expected = format!("within the position limits ({least:.4} to {most:.4})");
             let advice = "the axis is homed at its stops: widen the limits";
-            source.problem(&path(key), expected, stop / scale, advice);
+            let key = path(&format!("homing.{}", key.of(axis.unit)));
+            source.problem(&key, expected, stop / scale, advice);
         }
     }
 }

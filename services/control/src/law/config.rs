@@ -2,7 +2,7 @@
 
 use ipc_types::AXES;
 use plant::reflected_dynamics::ReflectedDynamics;
-use rig::{AxisControl, Homing, Limits, RigFile, StopSearch};
+use rig::{AxisControl, Limits, RigFile, StopSearch};
 
 /// Longest time in which a moving reference is brought to rest when its target is lost (s).
 pub const STOP_S: f64 = 0.25;
@@ -33,7 +33,7 @@ impl AxisLaw {
     /// power-up.
     pub(super) fn position_range(&self, homed: bool) -> (f64, f64) {
         match self.search {
-            Some(search) if !homed => (-search.travel_max, search.travel_max),
+            Some(search) if !homed => search.range(),
             _ => (self.limits.position_min, self.limits.position_max),
         }
     }
@@ -67,7 +67,7 @@ impl LawConfig {
         let mut laws = [AxisLaw::default(); AXES];
         for (index, (law, axis)) in laws.iter_mut().zip(&rig.axes).enumerate() {
             let (control, limits) = (axis.control, axis.limits);
-            let search = axis.homing.as_ref().and_then(Homing::stops).copied();
+            let search = axis.stop_search().copied();
             *law = AxisLaw { control, limits, search, model: rig.reflected_dynamics(index) };
         }
         let period_s = 1.0 / f64::from(rig.rates.control_hz);

@@ -1,34 +1,10 @@
 //! How an axis is homed: from the ends of its travel to the counts at position 0.
 
-use ipc_types::{AXES, HomeOrder, Sample};
-use rig::{Axis, Encoder, Homing, StopSearch};
+use ipc_types::{HomeOrder, Zeros};
+use rig::{Axis, Encoder, StopSearch};
 
 use super::reports::Reason;
 use crate::range_finder::{Measured, Range, Stops};
-
-/// The zeros that a sample's positions count from.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Zeros {
-    /// Count of each master at position 0.
-    pub master: [i64; AXES],
-    /// Count of each slave at position 0.
-    pub slave: [i64; AXES],
-    /// Homed axes, one bit each.
-    pub homed: u8,
-    /// The sample's homing sequence.
-    pub sequence: u64,
-}
-
-impl From<&Sample> for Zeros {
-    fn from(sample: &Sample) -> Self {
-        Self {
-            master: sample.master_zero,
-            slave: sample.slave_zero,
-            homed: sample.homed,
-            sequence: sample.homing_sequence,
-        }
-    }
-}
 
 /// How an axis with incremental encoders is homed.
 #[derive(Clone, Copy, Debug)]
@@ -43,7 +19,7 @@ pub(super) struct AxisHoming {
 impl AxisHoming {
     /// `None` for an axis with absolute encoders.
     pub(super) fn of(axis: &Axis) -> Option<Self> {
-        let search = *axis.homing.as_ref().and_then(Homing::stops)?;
+        let search = *axis.stop_search()?;
         let position_gain = axis.control.position_gain;
         Some(Self { search, master: axis.master, slave: axis.slave, position_gain })
     }
@@ -68,10 +44,8 @@ impl AxisHoming {
         }
         let middle = |of: fn(&Measured) -> f64| 0.5 * (of(&range.lower) + of(&range.upper));
         let centre = 0.5 * (self.search.lower + self.search.upper);
-        let ratio = match self.slave {
-            Some(_) => range.ratio.unwrap_or(1.0),
-            None => 1.0,
-        };
+        // Without a slave encoder the handle's positions are the motor's, and the ratio is 1.
+        let ratio = range.ratio.unwrap_or(1.0);
         Ok(Measured {
             motor: middle(|end| end.motor) - ratio * centre,
             handle: middle(|end| end.handle) - centre,

@@ -6,12 +6,12 @@
 //! would be flung back), asks for 0 V, sends the order to acquisition until samples show the new
 //! zeros, and goes on in the new positions.
 
-use ipc_types::{AXES, HomeOrder, Mode};
+use ipc_types::{AXES, HomeOrder, Mode, Zeros};
 use rig::protocol::trajectory::{Point, min_jerk};
 
-use super::axis_homing::{PendingOrder, Zeros};
+use super::axis_homing::PendingOrder;
 use super::reports::Reason;
-use super::{Change, Phase, Player, Program, seconds};
+use super::{Change, Player, Program, seconds};
 use crate::range_finder::{Measured, Range};
 
 /// Time in which the motor goes back until the line is slack (s).
@@ -37,15 +37,13 @@ impl Player {
 
     /// Whether an axis has positions of its own from power-up.
     pub(super) fn is_unhomed(&self, axis: usize) -> bool {
-        self.zeros.is_some_and(|zeros| zeros.homed & 1 << axis == 0)
+        self.zeros.is_some_and(|zeros| !zeros.is_homed(axis))
     }
 
     /// Range of positions of an axis (rad or m): while it is unhomed, that of the search.
     pub(super) fn position_range(&self, program: &Program, axis: usize) -> (f64, f64) {
         match program.homing.get(axis).copied().flatten() {
-            Some(homing) if self.is_unhomed(axis) => {
-                (-homing.search.travel_max, homing.search.travel_max)
-            }
+            Some(homing) if self.is_unhomed(axis) => homing.search.range(),
             _ => program.limits.get(axis).copied().unwrap_or_default(),
         }
     }
@@ -109,7 +107,7 @@ impl Player {
         let pending = self.pending_order?;
         let axis = usize::from(pending.order.axis);
         let shown = self.zeros.is_some_and(|zeros| {
-            zeros.homed & 1 << axis != 0
+            zeros.is_homed(axis)
                 && zeros.master[axis] == pending.order.master_zero
                 && zeros.sequence > pending.order.homing_sequence
         });
@@ -121,8 +119,6 @@ impl Player {
             return Some(Err(None));
         }
         self.pending_order = None;
-        self.find_axes(program, measured);
-        self.phase = Phase::Idle;
-        Some(Err(Some(Change::Aborted(segment as u32, Reason::NotHomed))))
+        Some(Err(Some(self.let_go(program, segment, Reason::NotHomed, measured))))
     }
 }

@@ -102,7 +102,7 @@ impl Player {
     }
 
     /// Ends the protocol; control ramps the output down from its present value.
-    fn let_go(
+    pub(super) fn let_go(
         &mut self,
         program: &Program,
         segment: usize,

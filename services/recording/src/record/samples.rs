@@ -1,6 +1,8 @@
 //! Records from farreach's recordings.
 
+use std::cmp::Reverse;
 use std::collections::BTreeMap;
+use std::ops::Range;
 use std::path::Path;
 
 use ipc_types::{ANALOG, AXES, CARD_FIFO, CardKind, SAMPLE, Sample};
@@ -135,9 +137,7 @@ pub fn from_recording(
         });
     }
     findings.extend(one_zero(&mut samples, columns));
-    let Some((_, first)) = samples.first().copied() else {
-        return Err(Problem::too_few_rows(options.rows_min, 0).of(file));
-    };
+    let first = samples.first().map_or(first, |(_, sample)| *sample);
     let replayed = first.backend == CardKind::Replay.code();
     let time_s = if replayed {
         findings.extend(one_pass(&mut samples));
@@ -244,65 +244,63 @@ fn one_zero(samples: &mut Vec<(u64, Sample)>, columns: &SampleColumns) -> Option
     let axes = std::iter::once(columns.axis).chain(columns.others.iter().map(|(axis, _)| *axis));
     let wanted = axes.filter(|&axis| axis < AXES).fold(0, |bits, axis| bits | 1u8 << axis);
     let zeros = |sample: &Sample| (sample.homing_sequence, sample.homed & wanted);
-    let mut starts = vec![0];
-    starts.extend((1..samples.len()).filter(|&i| zeros(&samples[i].1) != zeros(&samples[i - 1].1)));
-    if starts.len() == 1 {
-        return None;
-    }
-    starts.push(samples.len());
-    let stretches = starts.windows(2).map(|pair| pair[0]..pair[1]);
-    let best = stretches.max_by_key(|rows| {
-        let homed = samples.get(rows.start).is_some_and(|(_, sample)| {
-            sample.homed & wanted == wanted & ((1u8 << sample.axes.min(7)) - 1)
-        });
-        (homed, rows.len())
-    })?;
-    let all = samples.len();
-    let first_row = samples.get(best.start).map_or(0, |(row, _)| *row);
-    *samples = samples.drain(best).collect();
-    Some(Finding {
-        column: TIME.to_owned(),
-        kind: FindingKind::Rezeroed,
-        first_row,
-        rows: (all - samples.len()) as u64,
-        text: format!(
-            "positions count from {} different zeros (homing): kept the longest stretch, {} \
-             samples",
-            starts.len() - 1,
-            samples.len()
-        ),
-    })
+    let homed =
+        |sample: &Sample| sample.homed & wanted == wanted & ((1u8 << sample.axes.min(7)) - 1);
+    keep_one(
+        samples,
+        FindingKind::Rezeroed,
+        |before, sample| zeros(before) != zeros(sample),
+        |rows, first| (homed(first), rows.len()),
+        |stretches, kept| {
+            format!(
+                "positions count from {stretches} different zeros (homing): kept the longest \
+                 stretch, {kept} samples"
+            )
+        },
+    )
 }
 
-/// A record that was replayed in a loop contains several passes: keeps the longest.
+/// A record that was replayed in a loop contains several passes: keeps the longest, the first of
+/// equal ones.
 fn one_pass(samples: &mut Vec<(u64, Sample)>) -> Option<Finding> {
+    keep_one(
+        samples,
+        FindingKind::Looped,
+        |before, sample| sample.record_time_s < before.record_time_s,
+        |rows, _| (rows.len(), Reverse(rows.start)),
+        |passes, kept| {
+            format!("the record was replayed {passes} times: kept the longest pass, {kept} samples")
+        },
+    )
+}
+
+/// Keeps the stretch of samples that ranks highest, by its rows and its first sample. A stretch
+/// `begins` at a sample that differs from the one before. `None` where there is one stretch; the
+/// text of the finding tells the number of stretches and of samples kept.
+fn keep_one<Rank: Ord>(
+    samples: &mut Vec<(u64, Sample)>,
+    kind: FindingKind,
+    begins: impl Fn(&Sample, &Sample) -> bool,
+    rank: impl Fn(&Range<usize>, &Sample) -> Rank,
+    text: impl Fn(usize, usize) -> String,
+) -> Option<Finding> {
     let mut starts = vec![0];
-    starts.extend(
-        (1..samples.len()).filter(|&i| samples[i].1.record_time_s < samples[i - 1].1.record_time_s),
-    );
-    if starts.len() == 1 {
+    starts.extend((1..samples.len()).filter(|&i| begins(&samples[i - 1].1, &samples[i].1)));
+    let stretches = starts.len();
+    if stretches == 1 {
         return None;
     }
     starts.push(samples.len());
-    let mut best = 0..0;
-    for pair in starts.windows(2) {
-        if pair[1] - pair[0] > best.len() {
-            best = pair[0]..pair[1];
-        }
-    }
-    let all = samples.len();
-    let first_row = samples.get(best.start).map_or(0, |(row, _)| *row);
+    let rows = starts.windows(2).map(|pair| pair[0]..pair[1]);
+    let best = rows.max_by_key(|rows| rank(rows, &samples[rows.start].1))?;
+    let (all, first_row) = (samples.len(), samples[best.start].0);
     *samples = samples.drain(best).collect();
     Some(Finding {
         column: TIME.to_owned(),
-        kind: FindingKind::Looped,
+        kind,
         first_row,
         rows: (all - samples.len()) as u64,
-        text: format!(
-            "the record was replayed {} times: kept the longest pass, {} samples",
-            starts.len() - 1,
-            samples.len()
-        ),
+        text: text(stretches, samples.len()),
     })
 }
 

@@ -1,7 +1,7 @@
 //! The interlock's configuration.
 
 use ipc_types::{AXES, Profile};
-use rig::{Axis, Homing};
+use rig::Axis;
 use runtime::Timeouts;
 
 /// What the interlock needs to know about its rig.
@@ -91,9 +91,9 @@ impl LimitsNow {
             speed: limits.speed_max,
             volts: limits.volts_max,
         };
-        match axis.homing.as_ref().and_then(Homing::stops) {
+        match axis.stop_search() {
             Some(search) if !homed => Self {
-                position: (-search.travel_max, search.travel_max),
+                position: search.range(),
                 speed: search.speed_max.min(own.speed),
                 volts: search.volts_max.min(own.volts),
             },
@@ -107,7 +107,7 @@ pub(super) fn homing_time_ns(axes: &[Axis], homed: u8) -> Option<u64> {
     axes.iter()
         .enumerate()
         .filter(|(at, _)| homed & 1 << at == 0)
-        .filter_map(|(_, axis)| axis.homing.as_ref().and_then(Homing::stops))
+        .filter_map(|(_, axis)| axis.stop_search())
         .map(|search| (search.time_max_s * 1e9) as u64)
         .min()
 }

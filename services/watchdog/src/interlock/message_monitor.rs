@@ -81,6 +81,11 @@ impl SampleMonitor {
         faults
     }
 
+    /// Homed axes by the newest sample, one bit each.
+    pub(super) fn homed(&self) -> u8 {
+        self.newest.as_ref().map_or(0, |sample| sample.homed)
+    }
+
     /// Whether every axis's master is at rest; `None` where its speed is not known.
     pub(super) fn at_rest(&self, config: &Config) -> Option<bool> {
         let mut rest = true;
@@ -235,9 +240,8 @@ fn measured(sample: &Sample, config: &Config) -> FaultSet {
 
 /// Whether an encoder moved further than the machine can in the ticks between two samples.
 fn jumped(last: &Sample, sample: &Sample, config: &Config) -> bool {
-    let ticks = u128::from(sample.tick - last.tick);
+    let ticks = sample.tick - last.tick;
     config.axes.iter().enumerate().any(|(axis, entry)| {
-        let allowed = u128::from(entry.limits.encoder_jump_counts.unsigned_abs()) * ticks;
         let bit = 1 << axis;
         [
             (
@@ -253,7 +257,7 @@ fn jumped(last: &Sample, sample: &Sample, config: &Config) -> bool {
         ]
         .into_iter()
         .any(|(before, after, present)| {
-            present & bit != 0 && u128::from(before.abs_diff(after)) > allowed
+            present & bit != 0 && entry.limits.is_jump(before, after, ticks)
         })
     })
 }

@@ -9,10 +9,10 @@ use acquisition::Converter;
 use acquisition::homing::Homing;
 use control::law::{Law, LawConfig};
 use control::setpoint_validation::SetpointValidation;
-use experiment::player::{Change, Player, Program, Zeros};
+use experiment::player::{Change, Player, Program};
 use ipc_types::{
     AXES, EnableToken, GateState, HomeOrder, MotorCommand, Profile, Sample, Setpoint, Verb,
-    WatchdogState,
+    WatchdogState, Zeros,
 };
 use rig::RigFile;
 use rig::protocol::Protocol;

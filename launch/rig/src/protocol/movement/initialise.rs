@@ -4,7 +4,6 @@ use ipc_types::Mode;
 
 use crate::axis_unit::AxisUnit;
 use crate::checked_toml::{Bounds, Keys, Section, bounds};
-use crate::homing::Homing;
 use crate::protocol::segment_kind::{Placement, SegmentKind};
 use crate::protocol::trajectory::Point;
 use crate::protocol::unit_keys::{AMPLITUDE_DEG, AMPLITUDE_M, DURATION, UnitKeys};
@@ -120,7 +119,7 @@ impl SegmentKind for Initialise {
             let advice = "drive gently against an end";
             return placed.source.problem(&placed.key("volts"), expected, self.volts, advice);
         }
-        if let Some(search) = placed.axis.homing.as_ref().and_then(Homing::stops) {
+        if let Some(search) = placed.axis.stop_search() {
             if self.volts > search.volts_max {
                 let expected =
                     format!("at most homing.volts_max of the rig file ({} V)", search.volts_max);
