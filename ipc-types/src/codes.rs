@@ -274,6 +274,39 @@ codes! {
         AxisHomed = 20, "axis homed";
         /// An axis is unhomed: `a` its index; the text says why.
         HomingLost = 21, "homing lost";
+        /// A pulse of the scanner ended a wait: `a` when it came, from the wait's beginning (s).
+        ScannerStarted = 22, "scanner started";
+        /// Volumes had no pulse: `a` the number of the first, `b` how many.
+        VolumesMissed = 23, "volumes missed";
+        /// A pulse belongs to no volume: `a` the number of the last volume.
+        PulseSpurious = 24, "spurious pulse";
+        /// The scanner was started anew: `a` the number of the first volume since.
+        ScannerRestarted = 25, "scanner restarted";
+        /// A protocol with a scan has ended: `a` volumes with a pulse, `b` without, `c` pulses that
+        /// belong to none; the text says whether as many were expected.
+        VolumesCounted = 26, "volumes counted";
+    }
+
+    /// What happened on the scanner's trigger line.
+    LineEvent {
+        /// A volume began; on a gate, the first one.
+        Pulse = 0, "pulse";
+        /// The gate closed.
+        GateEnd = 1, "gate closed";
+        /// A level was too short.
+        Glitch = 2, "glitch";
+    }
+
+    /// Where a volume's time comes from.
+    VolumeSource {
+        /// A pulse of the scanner.
+        Pulse = 0, "pulse";
+        /// It had none: its time lies between those of its neighbours.
+        Interpolated = 1, "interpolated";
+        /// The emulated scanner.
+        Emulated = 2, "emulated";
+        /// The gate is open: the repetition time has passed since the last one.
+        Gate = 3, "gate";
     }
 }
 

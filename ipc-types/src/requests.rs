@@ -1,5 +1,7 @@
 //! Requests and answers of the command plane (request-response, encoded with bincode by `runtime`).
 
+use std::fmt;
+
 use serde::{Deserialize, Serialize};
 
 use crate::codes::codes;
@@ -69,6 +71,16 @@ pub struct LoggerAnswer {
 /// Request to the experiment runner.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum ExperimentRequest {
+    /// Asks whether a protocol could be played now, but for the motor's power: read, fit for the
+    /// rig, all axes homed that it needs.
+    Check {
+        /// Text of the protocol.
+        protocol: String,
+        /// File name, for messages.
+        name: String,
+        /// As in [`ExperimentRequest::Run`].
+        emulate_scanner_s: Option<f64>,
+    },
     /// Plays a protocol for as long as its client renews the lease.
     Run {
         /// Text of the protocol; the sender has checked it, and the runner checks it again.
@@ -77,6 +89,8 @@ pub enum ExperimentRequest {
         name: String,
         /// Number that the client chose for itself.
         client: u64,
+        /// Repetition time of an emulated scanner, which takes the place of the trigger line (s).
+        emulate_scanner_s: Option<f64>,
     },
     /// Renews the client's lease on its protocol, and asks for the status. Refused where another
     /// client's protocol is running.
@@ -113,6 +127,47 @@ pub struct ExperimentAnswer {
     pub completed: bool,
     /// Whether the last protocol ended because of a trip, an emergency stop or a disarm.
     pub permission_lost: bool,
+    /// The volumes of the scan so far; `None` for a protocol that counts none.
+    pub scan: Option<ScanProgress>,
     /// What went wrong; empty where nothing did.
     pub error: String,
+}
+
+/// The volumes of a scan so far.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct ScanProgress {
+    /// Volumes with a pulse.
+    pub volumes: u64,
+    /// Volumes expected; 0 where the protocol does not say.
+    pub expected: u64,
+    /// Volumes without a pulse, between two that have one.
+    pub missed: u64,
+    /// Pulses that belong to no volume.
+    pub spurious: u64,
+    /// Pulses after the last volume.
+    pub surplus: u64,
+    /// Volumes that are due and have had no pulse yet.
+    pub overdue: u64,
+}
+
+impl fmt::Display for ScanProgress {
+    /// `12 of 300 volumes, 2 without a pulse`.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}", self.volumes + self.missed)?;
+        if self.expected > 0 {
+            write!(f, " of {}", self.expected)?;
+        }
+        write!(f, " volumes")?;
+        for (count, what) in [
+            (self.missed, "without a pulse"),
+            (self.spurious, "spurious pulses"),
+            (self.surplus, "pulses after the last volume"),
+            (self.overdue, "OVERDUE"),
+        ] {
+            if count > 0 {
+                write!(f, ", {count} {what}")?;
+            }
+        }
+        Ok(())
+    }
 }

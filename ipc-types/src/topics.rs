@@ -5,7 +5,8 @@ use std::marker::PhantomData;
 use crate::process::{PROCESS_TOPICS, ProcessTopic, ProcessTopicKind};
 use crate::{
     CARD_FIFO, CardOutput, CardScan, ClockSync, EnableLine, EnableToken, Event, Field, Heartbeat,
-    HomeOrder, LoopTiming, LossCounters, Message, MotorCommand, Process, Sample, Setpoint,
+    HomeOrder, LoopTiming, LossCounters, Message, MotorCommand, Process, Sample, ScannerPulse,
+    Setpoint, Volume,
 };
 
 /// How often a topic is published.
@@ -121,6 +122,12 @@ pub const SETPOINT: TypedTopic<Setpoint> =
 /// Zeros that homing has found; no history, so that an old one never sets a new acquisition's zero.
 pub const HOME_ORDER: TypedTopic<HomeOrder> =
     topic("home_order", Process::Experiment, Rate::Sporadic, 16, 0);
+/// What happens on the scanner's trigger line; the history lets an experiment process that is
+/// started again count the volumes since the beginning of its segment.
+pub const SCANNER: TypedTopic<ScannerPulse> =
+    topic("scanner", Process::Acquisition, Rate::Sporadic, 256, 256);
+/// The volumes that a protocol counts.
+pub const VOLUME: TypedTopic<Volume> = topic("volume", Process::Experiment, Rate::Sporadic, 256, 1);
 /// The logger's loss counters.
 pub const LOSS: TypedTopic<LossCounters> = topic("loss", Process::Logger, Rate::Hertz(1), 256, 0);
 /// The logger's measurement of the wall clock.
@@ -139,6 +146,8 @@ const OWN: &[(usize, Topic)] = &[
     (7, LOSS.topic),
     (8, CLOCK.topic),
     (22, HOME_ORDER.topic),
+    (23, SCANNER.topic),
+    (24, VOLUME.topic),
 ];
 
 /// A topic that several processes have.

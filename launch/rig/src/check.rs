@@ -7,6 +7,8 @@ mod gains;
 use crate::channel::Channel;
 use crate::checked_toml::Source;
 use crate::rig_file::RigFile;
+use crate::scanner_line::ScannerLine;
+use crate::simulated_scanner;
 
 /// Checks a file whose sections are each valid by themselves; stability last, as it needs the rest.
 pub(crate) fn check(rig: &RigFile, source: &Source<'_>) {
@@ -16,7 +18,10 @@ pub(crate) fn check(rig: &RigFile, source: &Source<'_>) {
     }
     Channel::check_all(&rig.channels, source);
     declared_model::check(&rig.model, &rig.axes, source);
-    rig.simulation.check(&rig.channels, &rig.rates, source);
+    ScannerLine::check(rig.scanner.as_ref(), &rig.channels, source);
+    if let Some(scanner) = &rig.simulation.scanner {
+        simulated_scanner::check(scanner, rig.scanner.as_ref(), &rig.channels, &rig.rates, source);
+    }
     for (at, axis) in rig.axes.iter().enumerate() {
         axis::check(axis, at, &rig.channels, &rig.rates, source);
         if let Some(key) = axis.control.options.needs_transmission()

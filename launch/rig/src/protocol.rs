@@ -21,6 +21,7 @@ mod field_stability;
 mod matrix;
 mod movement;
 mod overrides;
+mod scan;
 mod segment;
 mod segment_kind;
 mod sines;
@@ -36,6 +37,7 @@ pub use field::Field;
 pub use matrix::{MATRIX_AXES, Matrix};
 pub use movement::*;
 pub use overrides::with_overrides;
+pub use scan::Scan;
 pub use segment::Segment;
 pub use segment_kind::{Placement, SegmentKind};
 pub use sines::{Envelope, Line};
@@ -63,6 +65,8 @@ pub struct Protocol {
     pub repeat: u32,
     /// The segments, as in the file.
     pub segments: Vec<Segment>,
+    /// What is expected of the scan; `None` for a protocol that counts no volumes.
+    pub scan: Option<Scan>,
     text: String,
     file_name: String,
     identity: u64,
@@ -71,6 +75,7 @@ pub struct Protocol {
 const FILE_KEYS: Keys = &[
     ("protocol", "Name and description."),
     ("segments", "The segments, in the order of playing; at least one."),
+    ("scanner", "What is expected of the scan, for a protocol that runs in a scanner."),
 ];
 
 const KEYS: Keys = &[
@@ -128,6 +133,8 @@ impl Protocol {
         let description = head.text_or_none("description").unwrap_or_default();
         let repeat =
             head.whole_or("repeat", 1, 1, 1000, "how often the whole list is played") as u32;
+        // Before the segments, as on the generated page.
+        let scan = Scan::read(root.section("scanner"));
         let segments: Vec<_> =
             root.sections("segments").into_iter().enumerate().map(Segment::read).collect();
         if segments.is_empty() {
@@ -138,6 +145,7 @@ impl Protocol {
             description,
             repeat,
             segments,
+            scan,
             text: text.to_owned(),
             file_name: file_name.to_owned(),
             identity: identity(text),

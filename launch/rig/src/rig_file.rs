@@ -16,6 +16,7 @@ use crate::effect::{ModelEffect, ModelEffectError};
 use crate::error::{Problem, RigError};
 use crate::model::Model;
 use crate::rates::{Phases, Rates};
+use crate::scanner_line::ScannerLine;
 use crate::simulation::Simulation;
 
 /// A rig as a laboratory declares it.
@@ -34,6 +35,8 @@ pub struct RigFile {
     pub axes: Vec<Axis>,
     /// Up to sixteen analog inputs.
     pub channels: Vec<Channel>,
+    /// The scanner's trigger line; `None` where the rig has none.
+    pub scanner: Option<ScannerLine>,
     /// The declared model.
     pub model: Model,
     /// Column names of measured records.
@@ -52,6 +55,7 @@ const KEYS: Keys = &[
     ("phases_us", "Phases of the processes."),
     ("axes", "One to three axes."),
     ("channels", "Analog inputs, at most 16."),
+    ("scanner", "The scanner's trigger line."),
     ("model", "The declared model; required."),
     ("replay", "Column names of measured records."),
     ("simulation", "Settings of the simulated card."),
@@ -95,6 +99,7 @@ impl RigFile {
             true => root.text_or_none("name").unwrap_or_else(|| stem(file_name)),
             false => root.text("name"),
         };
+        let scanner = ScannerLine::read(root.section("scanner"), &channels);
         Self {
             name,
             description: root.text_or_none("description").unwrap_or_default(),
@@ -102,6 +107,7 @@ impl RigFile {
             phases,
             axes,
             channels,
+            scanner,
             model,
             replay: Replay::read(root.section("replay"), unit),
             simulation: Simulation::read(root.section("simulation"), unit),

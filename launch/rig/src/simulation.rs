@@ -1,14 +1,13 @@
 //! Settings of the simulated card beside the declared model.
 
-use plant::sensors::ScannerTrigger;
+use plant::sensors::ScannerEmulator;
 
 use crate::axis_unit::AxisUnit;
-use crate::channel::{Channel, ChannelKind};
-use crate::checked_toml::{Keys, Section, Source, bounds};
-use crate::rates::Rates;
+use crate::checked_toml::{Keys, Section, bounds};
+use crate::simulated_scanner::read_scanner;
 
 /// Settings of the simulated card: sensor noise, scanner, hard stops, the hand, the random seed.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Simulation {
     /// Seed of the noise: the same seed gives the same noise.
     pub seed: u64,
@@ -28,7 +27,7 @@ pub struct Simulation {
     /// RMS of the simulated EMG of a fully active muscle (V).
     pub emg_rms_v: f64,
     /// The scanner that pulses on the channels of kind `trigger`; `None`: no scanner.
-    pub scanner: Option<ScannerTrigger>,
+    pub scanner: Option<ScannerEmulator>,
     /// Lower and upper hard stop of the handle (rad or m); `None`: no stops.
     pub end_stops: Option<(f64, f64)>,
     /// The hand at the handle.
@@ -76,6 +75,11 @@ const KEYS: Keys = &[
     ("trigger_pulse_s", "Length of a scanner pulse."),
     ("trigger_idle_v", "Level between pulses."),
     ("trigger_pulse_v", "Level during a pulse."),
+    ("trigger_start_s", "Start of the first volume, from the card's first scan."),
+    ("trigger_volumes", "Number of volumes; 0: without end."),
+    ("trigger_jitter_s", "Standard deviation of the start of a pulse."),
+    ("trigger_missing", "Volumes, from 0, whose pulse is missing."),
+    ("trigger_spurious_s", "Times of pulses that belong to no volume, from the first scan."),
     ("end_stop_min_{deg,m}", "Position of the lower hard stop; both stops or none."),
     ("end_stop_max_{deg,m}", "Position of the upper hard stop."),
     ("hand", "The simulated hand at the handle."),
@@ -89,8 +93,9 @@ impl Simulation {
         let bandwidth = bounds(0.1, 1e5, "in Hz; an optical cell is far faster than a hand");
         let drift = bounds(-1.0, 1.0, "in V/s; 1 mV a minute is 1.7e-5");
         let walk = bounds(0.0, 1.0, "in V/√s; 1e-3 is a standard deviation of 60 mV after an hour");
+        let seed = section.whole_or("seed", 1, 0, i64::MAX as u64, "any whole number");
         Self {
-            seed: section.whole_or("seed", 1, 0, i64::MAX as u64, "any whole number"),
+            seed,
             encoder_noise_counts: noise("encoder_noise_counts", 0.3, "a fraction of a count"),
             torque_noise_v: noise("torque_noise_v", 0.002, "in V, standard deviation"),
             torque_bandwidth_hz: section.number_or("torque_bandwidth_hz", 200.0, bandwidth),
@@ -98,53 +103,9 @@ impl Simulation {
             torque_walk_v_per_sqrt_s: section.number_or("torque_walk_v_per_sqrt_s", 0.0, walk),
             analog_noise_v: noise("analog_noise_v", 0.001, "in V, standard deviation"),
             emg_rms_v: noise("emg_rms_v", 0.2, "in V, after the EMG's amplifier"),
-            scanner: read_scanner(&section),
+            scanner: read_scanner(&section, seed),
             end_stops: read_end_stops(&section, unit),
             hand: Hand::read(section.section("hand"), unit),
-        }
-    }
-
-    /// Checks the scanner against channels and rates.
-    pub(crate) fn check(&self, channels: &[Channel], rates: &Rates, source: &Source<'_>) {
-        let Some(scanner) = &self.scanner else { return };
-        let key = |name: &str| format!("simulation.{name}");
-        let scan_s = rates.acquisition_period_ns() as f64 * 1e-9;
-        if scanner.pulse_s >= scanner.repetition_s {
-            let expected = format!("less than trigger_repetition_s ({} s)", scanner.repetition_s);
-            let advice = "a pulse ends before the next begins";
-            source.problem(&key("trigger_pulse_s"), expected, scanner.pulse_s, advice);
-        } else if scanner.pulse_s < scan_s || scanner.repetition_s - scanner.pulse_s < scan_s {
-            let expected =
-                format!("at least one scan ({scan_s} s), and as much between two pulses");
-            let advice = "what is shorter falls between two scans and is missed";
-            source.problem(&key("trigger_pulse_s"), expected, scanner.pulse_s, advice);
-        }
-        let inputs: Vec<_> =
-            channels.iter().filter(|channel| channel.kind == ChannelKind::Trigger).collect();
-        if inputs.is_empty() {
-            let (expected, found) =
-                ("0, as no channel is of kind \"trigger\"", scanner.repetition_s);
-            let advice = "add [[channels]] with kind = \"trigger\", or switch the scanner off";
-            source.problem(&key("trigger_repetition_s"), expected, found, advice);
-        }
-        for channel in inputs {
-            for (name, volts) in
-                [("trigger_idle_v", scanner.idle_v), ("trigger_pulse_v", scanner.pulse_v)]
-            {
-                if volts.abs() > channel.range_v {
-                    let expected = format!(
-                        "within the ±{} V of the channel \"{}\"",
-                        channel.range_v, channel.name
-                    );
-                    let advice = "widen the channel's range_v, or lower the level";
-                    source.problem(&key(name), expected, volts, advice);
-                }
-            }
-        }
-        if scanner.idle_v == scanner.pulse_v {
-            let expected = format!("another level than trigger_idle_v ({} V)", scanner.idle_v);
-            let advice = "a pulse must change the level";
-            source.problem(&key("trigger_pulse_v"), expected, scanner.pulse_v, advice);
         }
     }
 }
@@ -174,32 +135,6 @@ fn read_end_stops(section: &Section<'_>, unit: AxisUnit) -> Option<(f64, f64)> {
         }
     }
 }
-
-/// Reads the scanner's keys; its first volume begins with the card.
-fn read_scanner(section: &Section<'_>) -> Option<ScannerTrigger> {
-    let number = |key, default, least, most, advice| {
-        section.number_or(key, default, bounds(least, most, advice))
-    };
-    let usual = ScannerTrigger::default();
-    let repetition_s =
-        number("trigger_repetition_s", 0.0, 0.0, 60.0, "TR in s; 0 where no scanner runs");
-    let scanner = ScannerTrigger {
-        repetition_s,
-        pulse_s: number("trigger_pulse_s", usual.pulse_s, 1e-6, 60.0, "length of a pulse, in s"),
-        idle_v: number("trigger_idle_v", usual.idle_v, -10.0, 10.0, "level between pulses, in V"),
-        pulse_v: number("trigger_pulse_v", usual.pulse_v, -10.0, 10.0, "level of a pulse, in V"),
-        ..usual
-    };
-    if repetition_s > 0.0 && repetition_s < SHORTEST_REPETITION_S {
-        let expected = format!("0 or at least {SHORTEST_REPETITION_S} s");
-        let advice = "TR in s; 0 where no scanner runs";
-        section.problem("trigger_repetition_s", expected, repetition_s, advice);
-    }
-    (repetition_s > 0.0).then_some(scanner)
-}
-
-/// Shortest repetition time of the trigger's model (s).
-const SHORTEST_REPETITION_S: f64 = 1e-3;
 
 /// Time in which a moving hand reaches its full amplitude (s).
 const SETTING_OFF_S: f64 = 1.0;

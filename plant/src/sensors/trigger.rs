@@ -27,7 +27,7 @@ parameter_set! {
 }
 
 /// Tolerance for a time just before an edge, s: sums of steps are not exact.
-const EDGE_S: f64 = 1e-9;
+pub(super) const EDGE_S: f64 = 1e-9;
 
 impl ScannerTrigger {
     /// Checks the ranges, and that a pulse ends before the next one starts.

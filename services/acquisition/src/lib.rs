@@ -2,17 +2,19 @@
 //!
 //! The loop is thin: [`runtime::daq::Daq`] is the card, [`runtime::gate::Gate`] decides what is
 //! written, [`homing::Homing`] has the zeros of the encoders, [`Converter`] turns counts and volts
-//! into SI. [`DRIVERS`] lists the cards
-//! that it can be started with: the simulator process, a measured record, or none.
+//! into SI, [`Trigger`] finds the scanner's pulses. [`DRIVERS`] lists the cards that it can be
+//! started with: the simulator process, a measured record, or none.
 
 mod cards;
 mod convert;
 pub mod homing;
 mod homing_file;
 mod process;
+mod trigger;
 
 pub use cards::{
     CardError, CardOptions, DRIVERS, Driver, NullDaq, Opened, ReplayDaq, ReplayError, SimulatedDaq,
 };
 pub use convert::Converter;
 pub use process::{AcquisitionError, run};
+pub use trigger::Trigger;

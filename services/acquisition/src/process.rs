@@ -1,7 +1,8 @@
 //! The process: the loop between card and shared memory.
 
 use ipc_types::{
-    AXES, COMMAND, EventKind, HOME_ORDER, HomeOrder, Process, SAMPLE, Sample, Severity, TOKEN,
+    AXES, COMMAND, EventKind, HOME_ORDER, HomeOrder, Process, SAMPLE, SCANNER, Sample, Severity,
+    TOKEN,
 };
 use rig::RigFile;
 use runtime::clock::now_ns;
@@ -12,6 +13,7 @@ use thiserror::Error;
 
 use crate::homing::{Changes, Homing};
 use crate::homing_file::{self, HomingFile};
+use crate::trigger::Trigger;
 use crate::{CardError, CardOptions, Converter};
 
 /// Why the process ended.
@@ -134,6 +136,8 @@ fn run_loop(
     let backend = daq.kind().code();
     let mut gate = gate(rig, service);
     let mut zeroing = Zeroing::new(rig, service, daq)?;
+    let mut trigger = Trigger::new(rig);
+    let mut pulses = service.publisher(SCANNER)?;
     // Zeroes whatever a predecessor left in the DACs before anything else.
     daq.write([0.0; AXES])?;
     let profile = service.enter_loop()?;
@@ -166,6 +170,9 @@ fn run_loop(
                 sample.cycles_missed = grid.missed();
                 sample.backend = backend;
                 sample.profile = profile.code();
+                if let Some(pulse) = trigger.as_mut().and_then(|trigger| trigger.observe(&sample)) {
+                    pulses.send(pulse)?;
+                }
                 samples.send(sample)?;
                 taken = Some(scan.tick);
             }
@@ -177,7 +184,11 @@ fn run_loop(
                 .received(tokens.counters())
                 .received(commands.counters())
                 .received(zeroing.orders.counters());
-            service.end_cycle(&grid, &wake, losses.sent(samples.undelivered()))?;
+            let losses = losses.sent(samples.undelivered()).sent(pulses.undelivered());
+            if service.end_cycle(&grid, &wake, losses)? {
+                // Late subscribers receive the earlier pulses only through this.
+                pulses.refresh();
+            }
             if daq.finished() && !reported_finished {
                 reported_finished = true;
                 service.event(

@@ -14,12 +14,14 @@
 //! the interrupted segment again, from where the handle then is.
 
 mod axis_homing;
+mod change;
 mod homing;
 mod ilc;
 mod ilc_job;
 mod measured_segments;
 mod program;
 mod reports;
+mod scanner_wait;
 mod setpoint;
 mod supervision;
 
@@ -30,9 +32,11 @@ use ipc_types::{AXES, ExperimentAnswer, Setpoint, Zeros};
 
 use crate::ilc_trial::IlcTrials;
 use crate::range_finder::RangeFinder;
+use crate::scan_tracker::ScanTracker;
 use crate::state::PlayerState;
 
 use axis_homing::PendingOrder;
+pub use change::Change;
 pub use ilc_job::IlcJob;
 use ilc_job::JOBS;
 pub use program::Program;
@@ -48,23 +52,6 @@ pub const CLIENT_LEASE_NS: u64 = 2_000_000_000;
 const STOP_FADE_NS: u64 = 500_000_000;
 /// How long the handle is held after the end, before 0 V (ns).
 const HOLD_NS: u64 = 500_000_000;
-
-/// A change of state; at most one in a step.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Change {
-    /// The protocol began, and with it segment 0.
-    Started,
-    /// The next segment began.
-    Segment(u32),
-    /// The segment was started again, after a restart or a pause.
-    Resumed(u32),
-    /// The last segment ended.
-    Done,
-    /// Playing was stopped in this segment.
-    Stopped(u32),
-    /// The protocol was aborted in this segment.
-    Aborted(u32, Reason),
-}
 
 /// The result of a step.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -166,6 +153,7 @@ pub struct Player {
     /// The zeros of the newest sample, and the order for new ones.
     zeros: Option<Zeros>,
     pending_order: Option<PendingOrder>,
+    scan: ScanTracker,
     ilc: Option<IlcTrials>,
     run_ids: u32,
     jobs: VecDeque<IlcJob>,
@@ -193,6 +181,7 @@ impl Default for Player {
             notice: None,
             zeros: None,
             pending_order: None,
+            scan: ScanTracker::default(),
             ilc: None,
             run_ids: 0,
             jobs: VecDeque::with_capacity(JOBS),
@@ -225,6 +214,7 @@ impl Player {
     /// protocol: check [`Player::is_running`] first.
     pub fn start(&mut self, program: Arc<Program>, epoch: u64) {
         self.supervision = Supervision::new(epoch, false);
+        self.scan.clear();
         self.enter(program, 0, Change::Started);
     }
 
@@ -255,6 +245,7 @@ impl Player {
             });
         }
         self.supervision = Supervision::new(state.epoch, true);
+        self.scan = ScanTracker::resume(state.scan);
         self.enter(program, segment, Change::Resumed(state.segment));
         self.waiting = true;
         Ok(())
@@ -306,6 +297,8 @@ impl Player {
             elapsed_s: self.elapsed_s,
             duration_s: self.program.as_ref().map_or(0.0, |program| program.duration_s),
             completed: self.completed,
+            // What is overdue means nothing once the protocol has ended.
+            scan: self.scan.progress(self.last_ns.filter(|_| self.is_running()).unwrap_or(0)),
             ..ExperimentAnswer::default()
         }
     }
@@ -327,6 +320,9 @@ impl Player {
         if let Some(ilc) = self.ilc.as_mut().filter(|_| !paused) {
             ilc.advance(now_ns);
         }
+        if self.is_running() {
+            self.scan.advance(now_ns);
+        }
         let change = self.advance(&program, now_ns, measured, paused);
         let setpoint = self.setpoint(&program, now_ns, measured);
         Output { setpoint: Some(setpoint), change }
@@ -347,6 +343,7 @@ impl Player {
             Phase::Entering { segment, change } => {
                 self.find_axes(program, measured);
                 self.phase = Phase::Playing { segment, begun_ns: now_ns };
+                self.begin_scan(program, segment, change, now_ns);
                 self.begin_ilc(program, segment, now_ns, matches!(change, Change::Resumed(_)));
                 Some(change)
             }
@@ -354,13 +351,17 @@ impl Player {
                 self.pending_order = None;
                 self.find_axes(program, measured);
                 self.phase = Phase::Playing { segment, begun_ns: now_ns };
+                self.scan.pause();
                 self.begin_ilc(program, segment, now_ns, true);
                 Some(Change::Resumed(segment as u32))
             }
             Phase::Playing { segment, begun_ns } => {
                 self.announce_beat(program, segment, begun_ns, now_ns);
-                match self.find_range(program, segment, begun_ns, now_ns, measured) {
-                    Some(Ok(())) => self.pass_edge(program, segment, now_ns, measured),
+                let measured_end = self
+                    .await_scanner(program, segment, begun_ns, now_ns, measured)
+                    .or_else(|| self.find_range(program, segment, begun_ns, now_ns, measured));
+                match measured_end {
+                    Some(Ok(edge_ns)) => self.pass_edge(program, segment, edge_ns, None, measured),
                     Some(Err(change)) => change,
                     None => self.next_segment(program, segment, begun_ns, now_ns, measured),
                 }
@@ -423,23 +424,29 @@ impl Player {
         measured: &[f64; AXES],
     ) -> Option<Change> {
         let step = program.steps.get(segment)?;
-        let edge_ns = match &self.ilc {
+        let duration_s = step.track.duration_s();
+        let (edge_ns, planned_s) = match &self.ilc {
             // It may start at a later block, or wait for its worker thread.
-            Some(ilc) => ilc.ends_ns()?,
-            None => begun_ns + (step.track.duration_s() * 1e9).round() as u64,
+            Some(ilc) => (ilc.ends_ns()?, None),
+            None => {
+                let planned_ns = begun_ns + (duration_s * 1e9).round() as u64;
+                (self.scan.edge_ns(planned_ns, duration_s), Some(duration_s))
+            }
         };
         if now_ns < edge_ns {
             return None;
         }
-        self.pass_edge(program, segment, edge_ns, measured)
+        self.pass_edge(program, segment, edge_ns, planned_s, measured)
     }
 
-    /// Ends a segment at `edge_ns` and begins the next one there.
+    /// Ends a segment at `edge_ns` and begins the next one there; `planned_s` is its duration where
+    /// it had all of it.
     fn pass_edge(
         &mut self,
         program: &Arc<Program>,
         segment: usize,
         edge_ns: u64,
+        planned_s: Option<f64>,
         measured: &[f64; AXES],
     ) -> Option<Change> {
         let step = program.steps.get(segment)?;
@@ -450,8 +457,10 @@ impl Player {
                 self.rest[axis] = track.at(self.rest[axis], track.duration_s()).position;
             }
         }
+        self.scan.pass_edge(edge_ns, planned_s);
         if segment + 1 < program.steps.len() {
             self.phase = Phase::Playing { segment: segment + 1, begun_ns: edge_ns };
+            self.begin_wait(program, segment + 1, edge_ns);
             self.begin_ilc(program, segment + 1, edge_ns, false);
             return Some(Change::Segment(segment as u32 + 1));
         }

@@ -2,6 +2,7 @@
 
 mod ilc_worker;
 mod request_handler;
+mod scan_reports;
 mod thread_link;
 
 use std::fs;
@@ -28,6 +29,7 @@ use crate::state::PlayerState;
 
 use ilc_worker::IlcWorker;
 use request_handler::{Current, RequestHandler};
+use scan_reports::ScanPorts;
 use thread_link::{ChangeReport, LoopSide, Order};
 
 /// Period of the heartbeat (ns).
@@ -70,6 +72,7 @@ pub struct Runner {
     token: Option<EnableToken>,
     setpoints: Publisher<Setpoint>,
     home_orders: Publisher<HomeOrder>,
+    scan: ScanPorts,
     heartbeats: Publisher<Heartbeat>,
     player: Player,
     link: LoopSide,
@@ -136,6 +139,7 @@ impl Runner {
             token: None,
             setpoints: service.publisher(SETPOINT)?,
             home_orders: service.publisher(HOME_ORDER)?,
+            scan: ScanPorts::open(&mut service)?,
             heartbeats: service.heartbeat_publisher()?,
             requests: handler.serve(service.domain().name())?,
             grid: Grid::of_rate(rig.rates.experiment_hz, rig.phases.experiment_ns),
@@ -175,6 +179,7 @@ impl Runner {
                 // The process may be idle for hours: keep the list of subscribers current.
                 self.setpoints.refresh();
                 self.home_orders.refresh();
+                self.scan.refresh();
             }
             let losses = self.losses();
             if self.service.end_cycle(&self.grid, &wake, losses)?
@@ -197,6 +202,7 @@ impl Runner {
             self.player.record(sample.scan_time_ns, &handles(Some(&sample)), powered);
             self.newest = Some(sample);
         }
+        self.scan.tell(&mut self.player)?;
         while let Ok(result) = self.ilc_worker.results.pop() {
             self.player.receive(result);
         }
@@ -243,17 +249,18 @@ impl Runner {
             if let Some(notice) = self.player.take_notice() {
                 publish_notice(notice, self.player.status().segment, &mut self.service)?;
             }
+            self.scan.publish(&mut self.player, &mut self.service)?;
             if let Some(change) = output.change {
                 let program = self.player.program().map(AsRef::as_ref);
                 publish_change(change, program, &mut self.service)?;
+                if change.ends() {
+                    self.scan.end();
+                }
+                let (epoch, scan) = (self.player.epoch(), self.player.scan_state());
+                let report = ChangeReport { order: self.playing, change, epoch, scan };
                 // The ring is full only if the request thread has hung for minutes; then a restart
                 // would resume at an earlier segment.
-                if self
-                    .link
-                    .changes
-                    .push(ChangeReport { order: self.playing, change, epoch: self.player.epoch() })
-                    .is_err()
-                {
+                if self.link.changes.push(report).is_err() {
                     self.link.dropped.count();
                 }
             }
@@ -287,7 +294,8 @@ impl Runner {
             .received(self.tokens.counters())
             .sent(self.setpoints.undelivered())
             .sent(self.home_orders.undelivered());
-        Losses { dropped: self.link.dropped.total(), ..losses }
+        let dropped = self.link.dropped.total() + self.player.scan_reports_dropped();
+        Losses { dropped, ..self.scan.losses(losses) }
     }
 
     fn heartbeat(&mut self, profile: Profile) -> Result<(), PortError> {

@@ -3,10 +3,12 @@
 use files::{Format, FormatError};
 use serde::{Deserialize, Serialize};
 
-const FORMAT: Format = Format { what: "state of the experiment", mark: *b"FRPS", version: 2 };
+use crate::scan_tracker::ScanState;
+
+const FORMAT: Format = Format { what: "state of the experiment", mark: *b"FRPS", version: 3 };
 
 /// Progress of a protocol: its text, and the segment being played.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PlayerState {
     /// Session of the rig; a state of another session is not resumed.
     pub session: u64,
@@ -24,9 +26,12 @@ pub struct PlayerState {
     pub epoch: u64,
     /// The client that started it and must renew its lease.
     pub client: u64,
+    /// The scanner, as far as it was followed at the segment's beginning.
+    pub scan: ScanState,
 }
 
-/// The fields of version 1, without epoch and client: such a protocol is not resumed.
+/// The fields of version 1, without epoch and client: such a protocol is not resumed, nor one of
+/// version 2, which has no scanner.
 #[derive(Deserialize)]
 struct Version1 {
     session: u64,
@@ -38,10 +43,22 @@ struct Version1 {
     running: bool,
 }
 
+/// The fields of version 2.
+#[derive(Deserialize)]
+struct Version2 {
+    first: Version1,
+    #[allow(dead_code)]
+    epoch: u64,
+    #[allow(dead_code)]
+    client: u64,
+}
+
 impl From<Version1> for PlayerState {
     fn from(old: Version1) -> Self {
         let Version1 { session, name, text, protocol, segment, .. } = old;
-        Self { session, name, text, protocol, segment, running: false, epoch: 0, client: 0 }
+        let (running, epoch, client) = (false, 0, 0);
+        let scan = ScanState::default();
+        Self { session, name, text, protocol, segment, running, epoch, client, scan }
     }
 }
 
@@ -67,6 +84,10 @@ impl PlayerState {
         match FORMAT.decode(bytes) {
             Err(FormatError::Version { found: 1, .. }) => {
                 Format { version: 1, ..FORMAT }.decode::<Version1>(bytes).map(Self::from)
+            }
+            Err(FormatError::Version { found: 2, .. }) => {
+                let old = Format { version: 2, ..FORMAT }.decode::<Version2>(bytes);
+                old.map(|old| Self::from(old.first))
             }
             decoded => decoded,
         }

@@ -1,5 +1,5 @@
-//! In a learning run the loop allocates and frees nothing: references and records come from the
-//! worker thread and return to it.
+//! The loop allocates and frees nothing: in a learning run references and records come from the
+//! worker thread and return to it, and a scan is followed in memory that is there.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 use std::alloc::{GlobalAlloc, Layout, System};
@@ -9,7 +9,7 @@ use std::sync::Arc;
 use experiment::ilc_trial::{IlcResult, Returned};
 use experiment::ilc_update::IlcUpdater;
 use experiment::player::{IlcJob, Player, Program};
-use ipc_types::AXES;
+use ipc_types::{AXES, LineEvent};
 use rig::RigFile;
 use rig::protocol::Protocol;
 
@@ -46,7 +46,7 @@ fn counted<T>(total: &mut usize, work: impl FnOnce() -> T) -> T {
 }
 
 #[test]
-fn the_loop_allocates_and_frees_nothing() {
+fn a_learning_run_allocates_and_frees_nothing_in_the_loop() {
     let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../launch/rigs/hydrostatic.toml");
     let rig = RigFile::load(path).unwrap();
     let text = "\
@@ -96,4 +96,33 @@ fn the_loop_allocates_and_frees_nothing() {
     assert_eq!((blocks, ends), (10, 2), "both learning runs took place");
     assert_eq!(total, 0, "the loop allocated or freed");
     assert!(COUNT.with(Cell::get) > 0, "the counter counts");
+}
+
+#[test]
+fn a_protocol_in_the_scanner_allocates_and_frees_nothing_in_the_loop() {
+    let rig = rig::load_rig("hydrostatic".as_ref()).unwrap();
+    let protocol = rig::load_protocol("block-design".as_ref(), &[]).unwrap();
+    let program = Arc::new(Program::new(&protocol, &rig).unwrap());
+    let mut player = Player::default();
+    let (mut total, mut reports) = (0, 0);
+    // The second run begins with what the first has left.
+    for run in 0..2_u64 {
+        let begun_ns = 1_000_000_000 * (1 + 1_000 * run);
+        counted(&mut total, || player.start(Arc::clone(&program), 1));
+        for step in 0..20_000 {
+            let now_ns = begun_ns + 2_000_000 * step;
+            // Of the volumes of 2 s every second has a pulse; some pulses belong to none.
+            if step % 2_000 == 500 || step % 7_000 == 999 {
+                counted(&mut total, || player.see_scanner(LineEvent::Pulse, now_ns));
+            }
+            counted(&mut total, || player.step(now_ns, &[0.0; AXES]));
+            while counted(&mut total, || player.take_scan_report()).is_some() {
+                reports += 1;
+            }
+            counted(&mut total, || player.scan_state());
+        }
+        counted(&mut total, || player.stop());
+    }
+    assert!(reports > 40, "{reports}");
+    assert_eq!(total, 0, "the loop allocated or freed");
 }

@@ -49,7 +49,8 @@ duration_s = 3
 /// The state with which another process would resume.
 fn state(player: &Player, session: u64, client: u64) -> PlayerState {
     let (segment, running) = (player.status().segment, !player.is_ending());
-    player.program().unwrap().state(session, segment, running, player.epoch(), client)
+    let (epoch, scan) = (player.epoch(), player.scan_state());
+    player.program().unwrap().state(session, segment, running, epoch, client, scan)
 }
 
 fn rig() -> RigFile {

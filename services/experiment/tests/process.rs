@@ -197,7 +197,17 @@ impl Fixture {
 
     fn run(&self, protocol: &str) -> ExperimentAnswer {
         let (protocol, name) = (protocol.to_owned(), "short.toml".to_owned());
-        self.ask(&ExperimentRequest::Run { protocol, name, client: CLIENT })
+        self.ask(&ExperimentRequest::Run {
+            protocol,
+            name,
+            client: CLIENT,
+            emulate_scanner_s: None,
+        })
+    }
+
+    fn check(&self, protocol: &str) -> ExperimentAnswer {
+        let (protocol, name) = (protocol.to_owned(), "short.toml".to_owned());
+        self.ask(&ExperimentRequest::Check { protocol, name, emulate_scanner_s: None })
     }
 
     fn ask(&self, request: &ExperimentRequest) -> ExperimentAnswer {
@@ -301,6 +311,7 @@ fn ends_by_stop_trip_and_lost_client(rig: &mut Fixture, client: Background) -> B
     let stop = ExperimentRequest::Stop { client: None };
     assert!(rig.run(&long).running);
     assert!(rig.run(&long).error.contains("short is running"));
+    assert!(rig.check(&long).error.contains("short is running"));
     rig.wait_until_running();
     let answer = rig.ask(&stop);
     assert_eq!((answer.running, answer.completed, answer.error.as_str()), (false, false, ""));
@@ -316,6 +327,10 @@ fn ends_by_stop_trip_and_lost_client(rig: &mut Fixture, client: Background) -> B
     rig.epoch.store(4, Ordering::Relaxed);
     let status = rig.ask(&ExperimentRequest::Status);
     assert!(!status.running && status.permission_lost, "{status:?}");
+    // What ended the last protocol is no reason against the next.
+    assert!(status.error.contains("a trip"), "{status:?}");
+    assert_eq!(rig.check(&long).error, "");
+    assert!(rig.check("[protocol]\nname = 3").error.contains("name"));
 
     assert!(rig.run(&long).running);
     drop(client);

@@ -1,6 +1,7 @@
 //! The kept state: what was written comes back, and damage is seen.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
+use experiment::scan_tracker::ScanState;
 use experiment::state::{PlayerState, StateError};
 use files::FormatError;
 use proptest::prelude::*;
@@ -15,6 +16,7 @@ fn state(segment: u32, text: &str) -> PlayerState {
         running: true,
         epoch: 9,
         client: 11,
+        scan: ScanState::default(),
     }
 }
 
@@ -61,6 +63,18 @@ fn says_what_is_wrong() {
     *bytes.last_mut().unwrap() ^= 1;
     let error = PlayerState::decode(&bytes).unwrap_err().to_string();
     assert!(error.starts_with("state of the experiment is damaged: expected checksum "), "{error}");
+}
+
+/// Version 2 has epoch and client besides.
+#[test]
+fn a_state_of_version_2_is_read_and_not_resumed() {
+    let body = b"\x07\x04demo\x02ab\x09\x03\x01\x0a\x0b";
+    let mut bytes = b"FRPS\x02\x00".to_vec();
+    bytes.extend_from_slice(&files::fnv1a(body).to_le_bytes());
+    bytes.extend_from_slice(body);
+    let state = PlayerState::decode(&bytes).unwrap();
+    assert_eq!((state.session, state.name.as_str(), state.text.as_str()), (7, "demo", "ab"));
+    assert_eq!((state.protocol, state.segment, state.running), (9, 3, false));
 }
 
 /// Version 1: header, then session, name, text, protocol, segment and running in bincode.

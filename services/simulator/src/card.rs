@@ -5,12 +5,14 @@ use plant::ParameterError;
 use plant::coupled_axes::{CouplingError, HandleCoupling, Plant};
 use plant::effects::end_stop::EndStop;
 use plant::effects::{EffectError, parse};
-use plant::sensors::{Drift, Emg, EmgParameters, ScannerTrigger, TorqueCell, TorqueCellParameters};
+use plant::sensors::{
+    Drift, Emg, EmgParameters, ScannerEmulator, TorqueCell, TorqueCellParameters,
+};
 use plant::transmission::{Input, Motion};
 use rand::{RngExt as _, SeedableRng};
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64Mcg;
-use rig::{Axis, ChannelKind, Hand, HandKind, RigFile};
+use rig::{Axis, ChannelKind, DIGITAL_HIGH_V, Hand, HandKind, RigFile, ScannerInput};
 use thiserror::Error;
 
 /// Why the simulated card cannot be built from a rig file.
@@ -90,9 +92,11 @@ pub struct Card {
     /// Analog channels of kind `other`: noise only.
     other_channels: Vec<usize>,
     /// The simulated scanner; `None` if the rig file declares none.
-    scanner: Option<ScannerTrigger>,
+    scanner: Option<ScannerEmulator>,
     /// Analog channels that carry the scanner's trigger.
     trigger_channels: Vec<usize>,
+    /// Digital input that carries it, if one does.
+    trigger_bit: Option<u32>,
     first_tick: Option<u64>,
     analog_noise_v: f64,
     encoder_noise_counts: f64,
@@ -177,8 +181,12 @@ impl Card {
             emg_channels,
             muscles,
             other_channels: channels(|kind| kind == ChannelKind::Other),
-            scanner: simulation.scanner.map(ScannerTrigger::checked).transpose()?,
+            scanner: simulation.scanner.clone().map(ScannerEmulator::checked).transpose()?,
             trigger_channels: channels(|kind| kind == ChannelKind::Trigger),
+            trigger_bit: rig.scanner.and_then(|line| match line.input {
+                ScannerInput::Digital(bit) => Some(bit),
+                ScannerInput::Analog(_) => None,
+            }),
             first_tick: None,
             analog_noise_v: simulation.analog_noise_v,
             encoder_noise_counts: simulation.encoder_noise_counts,
@@ -300,6 +308,9 @@ impl Card {
             // The first volume begins with the card's first scan.
             let ticks_since_start = tick.saturating_sub(*self.first_tick.get_or_insert(tick));
             let level = scanner.volts(ticks_since_start as f64 * self.period_s);
+            if let Some(bit) = self.trigger_bit.filter(|_| level > DIGITAL_HIGH_V) {
+                scan.digital_in |= 1 << bit;
+            }
             for index in 0..self.trigger_channels.len() {
                 let volts = level + self.noise(self.analog_noise_v);
                 self.set_analog(&mut scan, self.trigger_channels[index], volts);

@@ -234,6 +234,7 @@ impl<'a> Session<'a> {
             protocol: protocol.text().to_owned(),
             name: protocol.file_name().to_owned(),
             client,
+            emulate_scanner_s: None,
         };
         loop {
             let begun = self.link.experiment(&request)?;

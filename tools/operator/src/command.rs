@@ -54,7 +54,9 @@ pub enum Command {
     /// Enables the motor on an armed rig and runs a protocol; Ctrl-C stops the protocol and brings
     /// the handle to rest
     #[command(after_help = "Examples:\n  farreach run home\n  farreach run guided-1hz\n  \
-        farreach run guided-1hz --subject S07 --set segments.0.amplitude_deg=20")]
+        farreach run guided-1hz --subject S07 --set segments.0.amplitude_deg=20\n  \
+        farreach run block-design --emulate-scanner 2\n  \
+        farreach run --from S07.mcap")]
     Run(RunArguments),
     /// Stops the running protocol: the handle comes to rest, the motor stays enabled at 0 V
     #[command(after_help = "Example:\n  farreach stop")]

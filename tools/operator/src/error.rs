@@ -28,6 +28,12 @@ pub enum Error {
     /// The rig file or the protocol is invalid.
     #[error(transparent)]
     File(#[from] FileError),
+    /// The recording cannot be read.
+    #[error(transparent)]
+    Recording(#[from] recording::mcap_read::ReadError),
+    /// No protocol was played while the recording ran.
+    #[error("{}: no protocol was played in this recording: none to repeat", .0.display())]
+    NothingPlayed(PathBuf),
     /// The simulated card cannot be built: an unknown effect, or a model that cannot be simulated.
     #[error(transparent)]
     Simulator(#[from] simulator::CardError),

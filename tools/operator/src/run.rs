@@ -1,16 +1,17 @@
 //! Runs a protocol: sends it to the experiment process, enables the motor, and follows both until
 //! the protocol ends.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use ipc_types::{
-    EnableToken, ExperimentAnswer, ExperimentRequest, LoggerRequest, TOKEN, TripCause, Verb,
-    WatchdogState,
+    EnableToken, ExperimentAnswer, ExperimentRequest, LoggerRequest, ScanProgress, TOKEN,
+    TripCause, Verb, WatchdogState,
 };
+use recording::mcap_read::Recording;
 use recording::mcap_write::key;
-use rig::protocol::Protocol;
+use rig::protocol::{Protocol, with_overrides};
 use runtime::clock::now_ns;
 use runtime::{RequestError, Subscriber};
 use serde::Serialize;
@@ -23,6 +24,8 @@ use crate::{Error, RigLink, rig_of, verb};
 const TOKEN_LIMIT: Duration = Duration::from_secs(1);
 /// Longest absence of the experiment process: the launcher restarts it and it resumes.
 const ABSENCE_LIMIT: Duration = Duration::from_secs(10);
+/// Key of the overrides in a run's metadata.
+const OVERRIDES: &str = "protocol_overrides";
 /// Polling period of the progress.
 const POLL_PERIOD: Duration = Duration::from_millis(100);
 
@@ -30,14 +33,21 @@ const POLL_PERIOD: Duration = Duration::from_millis(100);
 #[derive(Clone, Debug, clap::Args)]
 pub struct RunOptions {
     /// Protocol file, or the name of a protocol shipped with farreach
-    #[arg(value_name = "FILE|NAME")]
-    pub protocol: PathBuf,
+    #[arg(value_name = "FILE|NAME", required_unless_present = "from")]
+    pub protocol: Option<PathBuf>,
+    /// Repeats the protocol that was played last in a recording, with its values and its subject
+    #[arg(long, value_name = "RECORDING", conflicts_with = "protocol")]
+    pub from: Option<PathBuf>,
     /// Overrides a value of the protocol before the protocol is checked (repeatable)
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub overrides: Vec<String>,
     /// Subject code, stored in the recording
     #[arg(long, value_name = "ID")]
     pub subject: Option<String>,
+    /// Plays without a scanner: pulses with this repetition time (s) take the place of the trigger
+    /// line, from 1 s after the wait for the scanner began
+    #[arg(long, value_name = "TR")]
+    pub emulate_scanner: Option<f64>,
 }
 
 /// Progress of a protocol.
@@ -57,6 +67,8 @@ pub struct Progress {
     pub absent: bool,
     /// The ranges of travel found so far.
     pub ranges: Vec<FoundRange>,
+    /// The volumes of the scan; `None` for a protocol that counts none.
+    pub scan: Option<ScanProgress>,
 }
 
 /// How a protocol ended, as `run --json` prints it.
@@ -96,7 +108,8 @@ pub fn run_protocol(
     stop: &AtomicBool,
     progress: &mut dyn FnMut(&Progress),
 ) -> Result<RunOutcome, Error> {
-    let protocol = rig::load_protocol(&options.protocol, &options.overrides)?;
+    let chosen = chosen(options)?;
+    let Chosen { protocol, subject, .. } = &chosen;
     let rig = rig_of(link.domain().name())?;
     protocol.check_against(&rig)?;
     let mut tokens = Tokens::new(link)?;
@@ -109,7 +122,19 @@ pub fn run_protocol(
         });
     }
     let client = client_number();
+    let name = match subject {
+        Some(subject) => format!("{} (subject {subject})", protocol.name),
+        None => protocol.name.clone(),
+    };
+    let text = protocol.text().to_owned();
+    let emulate_scanner_s = options.emulate_scanner;
     let token = tokens.wait()?;
+    if matches!(state_of(&token), WatchdogState::Enabled | WatchdogState::Armed) {
+        // Before the motor gets power for a protocol that cannot be played.
+        let (protocol, name) = (text.clone(), name.clone());
+        let check = ExperimentRequest::Check { protocol, name, emulate_scanner_s };
+        accepted(link.experiment(&check)?)?;
+    }
     match state_of(&token) {
         WatchdogState::Enabled => {}
         WatchdogState::Armed => {
@@ -120,28 +145,60 @@ pub fn run_protocol(
             return Err(Error::NotArmed { state, cause });
         }
     }
-    record_run(link, &protocol, options)?;
+    record_run(link, &chosen, options)?;
     let mut found = Ranges::new(link, rig)?;
-    let name = match &options.subject {
-        Some(subject) => format!("{} (subject {subject})", protocol.name),
-        None => protocol.name.clone(),
-    };
     let begun = link
-        .experiment(&ExperimentRequest::Run { protocol: protocol.text().to_owned(), name, client })
+        .experiment(&ExperimentRequest::Run { protocol: text, name, client, emulate_scanner_s })
         .inspect_err(|_| {
             // The request may have arrived although the answer did not.
             let _stopped = link.experiment(&ExperimentRequest::Stop { client: Some(client) });
         })?;
-    if !begun.error.is_empty() {
-        return Err(Error::Experiment(begun.error));
-    }
-    let outcome = follow(link, &protocol, client, &mut tokens, &mut found, stop, progress);
+    accepted(begun)?;
+    let outcome = follow(link, protocol, client, &mut tokens, &mut found, stop, progress);
     if !matches!(outcome, Ok(RunOutcome::Completed { .. })) {
         // A process that does not answer needs no stop: control holds once the setpoint's lease
         // expires.
         let _stopped = link.experiment(&ExperimentRequest::Stop { client: Some(client) });
     }
     outcome
+}
+
+/// A protocol and whose hand it is for.
+pub(crate) struct Chosen {
+    pub(crate) protocol: Protocol,
+    subject: Option<String>,
+    /// The overrides of the recording that it was taken from, a line each; those of the options
+    /// come after them.
+    overrides: Option<String>,
+}
+
+/// The protocol that the options name, and its subject.
+///
+/// # Errors
+/// If the file or the recording cannot be read, or the protocol is invalid.
+pub(crate) fn chosen(options: &RunOptions) -> Result<Chosen, Error> {
+    let Some(path) = &options.from else {
+        let asked = options.protocol.as_deref().unwrap_or(Path::new(""));
+        let protocol = rig::load_protocol(asked, &options.overrides)?;
+        return Ok(Chosen { protocol, subject: options.subject.clone(), overrides: None });
+    };
+    let recording = Recording::open(path)?;
+    let Some((run, text)) =
+        recording.runs().filter_map(|run| Some((run, run.get(key::PROTOCOL_FILE)?))).last()
+    else {
+        return Err(Error::NothingPlayed(path.clone()));
+    };
+    let name = run.get(key::PROTOCOL).map_or("the protocol", String::as_str);
+    let name = format!("{} ({name})", path.display());
+    let text = with_overrides(text, &name, &options.overrides)?;
+    let protocol = Protocol::parse(&text, &name)?;
+    let subject = options.subject.clone().or_else(|| run.get(key::SUBJECT).cloned());
+    Ok(Chosen { protocol, subject, overrides: run.get(OVERRIDES).cloned() })
+}
+
+/// The answer, unless it reports an error.
+fn accepted(answer: ExperimentAnswer) -> Result<ExperimentAnswer, Error> {
+    if answer.error.is_empty() { Ok(answer) } else { Err(Error::Experiment(answer.error)) }
 }
 
 fn follow(
@@ -163,6 +220,7 @@ fn follow(
         label: String::new(),
         absent: false,
         ranges: Vec::new(),
+        scan: None,
     };
     let mut answered = Instant::now();
     loop {
@@ -178,6 +236,7 @@ fn follow(
                 answered = Instant::now();
                 shown.absent = false;
                 shown.elapsed_s = answer.elapsed_s;
+                shown.scan = answer.scan;
                 found.read(&mut shown.ranges)?;
                 shown.segment = answer.segment + 1;
                 shown.label = labels
@@ -204,21 +263,34 @@ fn follow(
 }
 
 /// Tells the logger what is about to run, so that the recording stands alone: the protocol's text
-/// with the overrides applied, the overrides, the identity of the text without them, the subject.
-fn record_run(link: &RigLink, protocol: &Protocol, options: &RunOptions) -> Result<(), Error> {
+/// with the overrides applied, the overrides, the identity of the text without them, the subject,
+/// the emulated scanner.
+fn record_run(link: &RigLink, chosen: &Chosen, options: &RunOptions) -> Result<(), Error> {
+    let Chosen { protocol, subject, overrides } = chosen;
     let mut metadata = vec![
         (key::PROTOCOL.to_owned(), protocol.name.clone()),
         (key::PROTOCOL_FILE.to_owned(), protocol.text().to_owned()),
     ];
-    if !options.overrides.is_empty() {
-        metadata.push(("protocol_overrides".to_owned(), options.overrides.join("\n")));
-        // Without its overrides a protocol may be incomplete: then there is no identity to name.
-        if let Ok(original) = rig::load_protocol(&options.protocol, &[]) {
-            metadata
-                .push(("protocol_identity".to_owned(), format!("{:016x}", original.identity())));
-        }
+    let all: Vec<&str> = overrides
+        .iter()
+        .map(String::as_str)
+        .chain(options.overrides.iter().map(String::as_str))
+        .collect();
+    if !all.is_empty() {
+        metadata.push((OVERRIDES.to_owned(), all.join("\n")));
     }
-    metadata.extend(options.subject.iter().map(|id| (key::SUBJECT.to_owned(), id.clone())));
+    // Without its overrides a protocol may be incomplete: then there is no identity to name.
+    if !options.overrides.is_empty()
+        && let Some(asked) = &options.protocol
+        && let Ok(original) = rig::load_protocol(asked, &[])
+    {
+        metadata.push(("protocol_identity".to_owned(), format!("{:016x}", original.identity())));
+    }
+    metadata.extend(subject.iter().map(|id| (key::SUBJECT.to_owned(), id.clone())));
+    let emulated = options.emulate_scanner;
+    metadata.extend(
+        emulated.map(|repetition_s| ("emulate_scanner_s".to_owned(), repetition_s.to_string())),
+    );
     link.logger(&LoggerRequest::Run { metadata })?;
     Ok(())
 }
@@ -253,9 +325,7 @@ pub fn client_number() -> u64 {
 
 /// The outcome in an answer; `None` while the protocol runs.
 fn ending(answer: &ExperimentAnswer) -> Result<Option<RunOutcome>, Error> {
-    if !answer.error.is_empty() {
-        return Err(Error::Experiment(answer.error.clone()));
-    }
+    let answer = accepted(answer.clone())?;
     Ok(match (answer.running, answer.completed) {
         (true, _) => None,
         (false, true) => Some(RunOutcome::Completed { elapsed_s: answer.elapsed_s }),

@@ -2,13 +2,14 @@
 
 mod observe;
 mod percentiles;
+mod scanner;
 mod table;
 
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use ipc_types::{
-    AXES, CardKind, EnableToken, GateCause, GateState, LoggerRequest, Profile, TOPICS, TripCause,
-    WatchdogState,
+    AXES, CardKind, EnableToken, ExperimentRequest, GateCause, GateState, LoggerRequest, Process,
+    Profile, ScanProgress, TOPICS, TripCause, WatchdogState,
 };
 use launch::{RigState, UnitState};
 use runtime::{DomainError, HostStall, Losses, RigName};
@@ -17,6 +18,7 @@ use serde::Serialize;
 use self::observe::Observer;
 use crate::{Error, RigLink};
 pub use percentiles::Percentiles;
+pub use scanner::ScannerStatus;
 pub use table::table;
 
 /// A rig, as `status --json` prints it. Keys are stable; new ones may be added.
@@ -50,6 +52,8 @@ pub struct RigStatus {
     pub axes: usize,
     /// Axes that are not homed, from 0.
     pub unhomed: Vec<usize>,
+    /// The scanner; `null` if nothing was seen of it.
+    pub scanner: Option<ScannerStatus>,
     /// The processes.
     pub processes: Vec<ProcessStatus>,
     /// The logger.
@@ -248,7 +252,10 @@ impl Watcher {
             lost: answer.lost,
             error: answer.error,
         });
-        status.add(observer);
+        // The volumes of a protocol that has ended are in the recording.
+        let experiment = link.experiment(&ExperimentRequest::Status).ok();
+        let scan = experiment.filter(|answer| answer.running).and_then(|answer| answer.scan);
+        status.add(observer, scan);
         Ok(())
     }
 }
@@ -294,7 +301,7 @@ impl RigStatus {
         }
     }
 
-    fn add(&mut self, seen: &Observer) {
+    fn add(&mut self, seen: &Observer, scan: Option<ScanProgress>) {
         if let Some(token) = &seen.tokens.newest {
             let tripped = seen.tripped_ns.and_then(|time_ns| {
                 let age = Duration::from_nanos(seen.now_ns.saturating_sub(time_ns));
@@ -316,13 +323,14 @@ impl RigStatus {
                 cycles_missed: sample.cycles_missed,
             });
         }
+        self.scanner = ScannerStatus::new(seen.pulses.newest.as_ref(), scan, seen.now_ns);
         for (process, rate_hz, _) in seen.fast() {
             if rate_hz.is_some() {
                 self.row(process.text()).rate_hz = rate_hz;
             }
         }
         for timing in seen.timings() {
-            let Some(process) = ipc_types::Process::from_code(timing.source) else { continue };
+            let Some(process) = Process::from_code(timing.source) else { continue };
             let row = self.row(process.text());
             // The last message of a process that has died says nothing about its successor.
             if row.pid.is_some_and(|pid| i64::from(pid) != i64::from(timing.pid)) {
@@ -339,7 +347,7 @@ impl RigStatus {
             row.losses = Some(Losses::told_by(&timing));
         }
         for beat in seen.heartbeats() {
-            let Some(process) = ipc_types::Process::from_code(beat.source) else { continue };
+            let Some(process) = Process::from_code(beat.source) else { continue };
             let row = self.row(process.text());
             row.pid = row.pid.or(i32::try_from(beat.pid).ok());
             row.profile = row.profile.or(Profile::from_code(beat.profile));

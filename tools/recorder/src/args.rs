@@ -94,6 +94,31 @@ pub enum Command {
         #[arg(long)]
         json: bool,
     },
+    /// The scanner's volumes: when each began, which had no pulse, which pulses belong to none.
+    /// Exit code 3 when a volume had no pulse, or the last ones were not seen.
+    ///
+    /// Example: farreach rec volumes S07.mcap -o volumes.csv --figure volumes.svg
+    Volumes {
+        /// The recording.
+        file: PathBuf,
+        /// Numbers the recorded pulses anew, with this repetition time TR (s); needed where no
+        /// protocol counted volumes.
+        #[arg(long, value_name = "TR")]
+        repetition: Option<f64>,
+        /// Number of volumes expected, with --repetition.
+        #[arg(long, value_name = "N", requires = "repetition",
+            value_parser = clap::value_parser!(u64).range(1..))]
+        volumes: Option<u64>,
+        /// Writes the volumes of all scans as CSV; the file must not exist.
+        #[arg(short, long, value_name = "CSV")]
+        out: Option<PathBuf>,
+        /// Draws how far each volume was off (SVG); the file must not exist.
+        #[arg(long, value_name = "SVG")]
+        figure: Option<PathBuf>,
+        /// As JSON.
+        #[arg(long)]
+        json: bool,
+    },
     /// Writes a table: the measured record that `farreach identify` reads, or all fields of one
     /// topic.
     ///

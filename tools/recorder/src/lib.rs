@@ -54,12 +54,14 @@ mod export;
 mod inspect;
 mod names;
 mod output;
+mod volumes;
 
 use std::io::Write;
 
 pub use args::{Command, ExportFormat, LengthUnit};
 use output::Output;
 use recording::mcap_read::Recording;
+use scanner::Series;
 
 /// Everything was done.
 pub const DONE: i32 = 0;
@@ -92,6 +94,11 @@ pub fn run_to(command: &Command, output: &mut dyn Write) -> anyhow::Result<i32> 
         }
         Command::Merge { files, force, out: to, json } => {
             edit::merge(files, *force, to, *json, out)
+        }
+        Command::Volumes { file, repetition, volumes, out: table, figure, json } => {
+            let series = repetition.map(|repetition_s| Series::new(repetition_s, *volumes));
+            let files = volumes::Files { table: table.as_deref(), figure: figure.as_deref() };
+            volumes::volumes(file, series, &files, *json, out)
         }
         Command::Export { file, to, topic, unit, axis, out: target } => {
             export::export(file, *to, topic.as_deref(), *unit, *axis, target.as_deref(), out)

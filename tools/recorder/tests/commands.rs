@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 
 use clap::Parser;
 use ipc_types::{
-    COMMAND, Event, EventKind, Message, MotorCommand, Process, SAMPLE, Sample, Severity,
-    event_topic,
+    COMMAND, Event, EventKind, Message, MotorCommand, Process, SAMPLE, SCANNER, Sample,
+    ScannerPulse, Severity, VOLUME, Volume, VolumeSource, event_topic,
 };
 use recorder::{Command, DATA_LOST, DONE};
 use recording::mcap_write::{Start, Writer, key};
@@ -367,4 +367,118 @@ fn merge_refuses_different_rigs_unless_forced() {
     assert!(error.contains("a.mcap") && error.contains("rig emps"), "{error}");
     assert!(!dir.path("out.mcap").exists());
     assert_eq!(rec(&[&words[..], &["--force"]].concat()).0, DONE);
+}
+
+/// A recording of pulses every 2 s, without those of volumes 3 and 4, and of the volumes that a
+/// protocol counted of them.
+fn scan(path: &Path, counted: bool) {
+    let start = Start { realtime_offset_ns: 1_700_000_000_000_000_000, ..Start::default() };
+    let mut writer = Writer::create(path, &start, 1_000_000_000).unwrap();
+    let (mut sequence, mut volumes, mut missed) = (0, 0, 0);
+    for index in 0..10 {
+        let at_ns = 2_000_000_000 * (1 + index);
+        let pulse = !(3..=4).contains(&index);
+        if pulse {
+            volumes += 1;
+            let mut message = ScannerPulse { at_ns, pulses: volumes, ..ScannerPulse::default() };
+            message.stamp(11, 22, volumes - 1, at_ns + 1_000_000);
+            writer.write_message(&SCANNER, &message).unwrap();
+        } else {
+            missed += 1;
+        }
+        // Of two volumes in a row without a pulse the second has no message.
+        if counted && index != 4 {
+            let source = if pulse { VolumeSource::Pulse } else { VolumeSource::Interpolated };
+            let mut message = Volume {
+                index,
+                at_ns,
+                expected: 12,
+                volumes,
+                missed: if pulse { missed } else { 2 },
+                repetition_s: 2.0,
+                source: source.code(),
+                ..Volume::default()
+            };
+            message.stamp(11, 33, sequence, at_ns + 2_000_000);
+            sequence += 1;
+            writer.write_message(&VOLUME, &message).unwrap();
+        }
+    }
+    writer.finish(&[]).unwrap();
+}
+
+#[test]
+fn volumes_are_listed_with_those_that_had_no_pulse() {
+    let folder = Folder::new();
+    let file = folder.path("scan.mcap");
+    scan(&file, true);
+    let (table, figure) = (folder.text("volumes.csv"), folder.text("volumes.svg"));
+    let name = folder.text("scan.mcap");
+    let (code, text) = rec(&["volumes", &name, "-o", &table, "--figure", &figure]);
+    assert_eq!(code, DATA_LOST);
+    let expected = format!(
+        "{name}: scan 1: 10 of 12 volumes\n  from 1.0000 s to 19.0000 s\n  repetition time \
+         2.000000 s, jitter 0.000 ms rms\n  2 volumes had no pulse, times interpolated: 3, 4\n  2 \
+         at the end were not seen\n"
+    );
+    assert_eq!(text, expected);
+    let rows = fs::read_to_string(&table).unwrap();
+    assert_eq!(rows.lines().count(), 11);
+    assert_eq!(rows.lines().nth(5).unwrap(), "1,4,9.000000000,0.000000000,interpolated");
+    assert!(fs::read_to_string(&figure).unwrap().contains("deviation"));
+    assert!(fails(&["volumes", &name, "-o", &table]).contains("never overwritten"));
+    let (code, text) = rec(&["volumes", &name, "--json"]);
+    assert_eq!(code, DATA_LOST);
+    let json: serde_json::Value = serde_json::from_str(&text).unwrap();
+    assert_eq!(json[0]["rows"].as_array().unwrap().len(), 10);
+    assert_eq!((&json[0]["missed"], &json[0]["expected"]), (&2.into(), &12.into()));
+}
+
+#[test]
+fn recorded_pulses_are_numbered_with_a_repetition_time() {
+    let folder = Folder::new();
+    let file = folder.path("pulses.mcap");
+    scan(&file, false);
+    let name = folder.text("pulses.mcap");
+    assert!(fails(&["volumes", &name]).contains("8 pulses of the scanner were recorded"));
+    assert!(fails(&["volumes", &name, "--repetition", "0"]).contains("0.02 to 60 s"));
+    let (code, text) = rec(&["volumes", &name, "--repetition", "2", "--volumes", "10"]);
+    assert_eq!(code, DATA_LOST);
+    assert!(text.contains("10 of 10 volumes"), "{text}");
+    assert!(text.contains("2 volumes had no pulse, times interpolated: 3, 4"), "{text}");
+}
+
+#[test]
+fn several_scans_are_told_apart_and_what_was_counted_twice_is_listed_once() {
+    let folder = Folder::new();
+    let file = folder.path("scans.mcap");
+    let mut writer = Writer::create(&file, &Start::default(), 1_000_000_000).unwrap();
+    let mut sequence = 0;
+    let mut write = |index: u64, at_s: u64, volumes: u64, surplus: u64| {
+        let at_ns = 1_000_000_000 * at_s;
+        let mut message = Volume { index, at_ns, volumes, surplus, ..Volume::default() };
+        message.stamp(11, 33, sequence, at_ns + 2_000_000);
+        sequence += 1;
+        writer.write_message(&VOLUME, &message).unwrap();
+    };
+    for index in 0..3 {
+        write(index, 2 + 2 * index, index + 1, 0);
+    }
+    // A process that is started again counts from the segment's beginning.
+    for index in 0..5 {
+        write(index, 2 + 2 * index, index + 1, 0);
+    }
+    // A pulse after the last volume changes a count of that volume.
+    write(4, 10, 5, 1);
+    for index in 0..4 {
+        write(index, 101 + 3 * index, index + 1, 0);
+    }
+    writer.finish(&[]).unwrap();
+    let (code, text) = rec(&["volumes", &folder.text("scans.mcap")]);
+    assert_eq!(code, DONE);
+    for part in ["scan 1: 5 volumes", "1 pulse after the last volume", "scan 2: 4 volumes"] {
+        assert!(text.contains(part), "{text}");
+    }
+    assert!(text.contains("repetition time 3.000000 s"), "{text}");
+    assert!(!text.contains("scan 3"), "{text}");
 }

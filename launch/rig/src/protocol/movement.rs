@@ -20,6 +20,7 @@ mod ramp;
 mod rest;
 mod rhythm;
 mod steps;
+mod wait_for_scanner;
 
 pub(super) use csv_trajectory::embed_tables;
 pub use learn::{IDENTIFYING_CYCLES, LearnLaw};
@@ -88,6 +89,7 @@ kinds! {
     "chirp": Chirp in chirp,
     "file": CsvTrajectory in csv_trajectory,
     "learn": Learn in learn,
+    "wait_for_scanner": WaitForScanner in wait_for_scanner,
 }
 
 impl Movement {

@@ -53,6 +53,11 @@ impl Segment {
         }
     }
 
+    /// Whether it ends with a pulse of the scanner.
+    pub const fn waits_for_scanner(&self) -> bool {
+        matches!(self.movement, Movement::WaitForScanner(_))
+    }
+
     /// Every axis that moves, with its movement.
     pub fn moves(&self) -> impl Iterator<Item = (usize, &Movement)> {
         let others = self.companions.iter().map(|companion| (companion.axis, &companion.movement));

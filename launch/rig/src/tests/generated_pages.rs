@@ -38,6 +38,7 @@ friction_peak_v = 1.5
 [axes.control.slave]
 [[axes.effects]]
 [[channels]]
+[scanner]
 [model]
 [model.parameters]
 name = { value = 1.0 }
@@ -173,7 +174,7 @@ fn the_page_of_protocols_is_what_the_reader_accepts() {
                 .replace("DURATION", duration)
                 .replace("LAW", law)
                 .replace("MORE", &more);
-            accepted.read(&format!("[protocol]\n{segment}"), |root, text| {
+            accepted.read(&format!("[protocol]\n[scanner]\n{segment}"), |root, text| {
                 Protocol::read(root, text, "reference.toml");
             });
         }

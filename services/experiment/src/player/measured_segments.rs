@@ -20,8 +20,8 @@ impl Player {
         self.notice.take()
     }
 
-    /// Advances the search for the ends of travel, if that is the segment's kind: `Ok` once they
-    /// are found, a change where the protocol ends.
+    /// Advances the search for the ends of travel, if that is the segment's kind: `Ok` with the
+    /// segment's end (ns) once they are found, a change where the protocol ends.
     pub(super) fn find_range(
         &mut self,
         program: &Program,
@@ -29,7 +29,7 @@ impl Player {
         begun_ns: u64,
         now_ns: u64,
         measured: &[f64; AXES],
-    ) -> Option<Result<(), Option<Change>>> {
+    ) -> Option<Result<u64, Option<Change>>> {
         let step = program.steps.get(segment)?;
         let (Movement::Initialise(how), axis) = (&step.track.movement, step.axis) else {
             return None;
@@ -79,7 +79,7 @@ impl Player {
         axis: usize,
         range: &Range,
         measured: &[f64; AXES],
-    ) -> Result<(), Option<Change>> {
+    ) -> Result<u64, Option<Change>> {
         let Some(Movement::Initialise(how)) =
             program.steps.get(segment).map(|step| &step.track.movement)
         else {
@@ -96,7 +96,7 @@ impl Player {
         );
         if program.fits(segment + 1, axis, free) {
             self.early_s += how.duration_s - seconds(begun_ns, now_ns);
-            return Ok(());
+            return Ok(now_ns);
         }
         Err(Some(self.let_go(program, segment, Reason::OutOfRange, measured)))
     }

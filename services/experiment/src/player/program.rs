@@ -3,11 +3,13 @@
 use std::sync::Arc;
 
 use ipc_types::AXES;
-use rig::protocol::{Field, Movement, Protocol};
+use rig::protocol::{Field, Movement, Protocol, Segment};
 use rig::{ProtocolError, RigFile};
+use scanner::LineKind;
 
 use crate::ilc_update::Plan;
 use crate::prepared_movement::PreparedMovement;
+use crate::scan_tracker::{ScanPlan, ScanState};
 use crate::state::PlayerState;
 
 use super::axis_homing::AxisHoming;
@@ -24,6 +26,8 @@ pub struct Program {
     /// How each axis with incremental encoders is homed.
     pub(super) homing: [Option<AxisHoming>; AXES],
     pub(super) steps: Vec<Step>,
+    /// What it says of the scanner.
+    pub(super) scan: ScanPlan,
     pub(super) duration_s: f64,
 }
 
@@ -104,8 +108,30 @@ impl Program {
             limits,
             homing,
             steps,
+            scan: ScanPlan {
+                scan: protocol.scan,
+                waits: protocol.segments.iter().any(Segment::waits_for_scanner),
+                gate_width_s: rig
+                    .scanner
+                    .filter(|line| line.line.kind == LineKind::Gate)
+                    .map(|line| line.line.minimum_width_s),
+                emulated_s: None,
+            },
             duration_s: begins_s,
         })
+    }
+
+    /// The same, with an emulated scanner of this repetition time (s) in place of the trigger line.
+    #[must_use]
+    pub fn with_emulated_scanner(mut self, repetition_s: f64) -> Self {
+        self.scan.emulated_s = Some(repetition_s);
+        self
+    }
+
+    /// Whether it needs the scanner's trigger line.
+    pub fn needs_trigger(&self) -> bool {
+        let ScanPlan { scan, waits, emulated_s, .. } = self.scan;
+        (waits || scan.is_some()) && emulated_s.is_none()
     }
 
     /// Name of the protocol.
@@ -127,9 +153,10 @@ impl Program {
         running: bool,
         epoch: u64,
         client: u64,
+        scan: ScanState,
     ) -> PlayerState {
         let (name, text, protocol) = (self.name.clone(), self.text.clone(), self.identity);
-        PlayerState { session, name, text, protocol, segment, running, epoch, client }
+        PlayerState { session, name, text, protocol, segment, running, epoch, client, scan }
     }
 
     /// Number of segments, repeats counted.
@@ -170,7 +197,7 @@ impl Program {
                 homed |= 1 << step.axis;
                 continue;
             }
-            let rests = matches!(movement, Movement::Rest(_));
+            let rests = matches!(movement, Movement::Rest(_) | Movement::WaitForScanner(_));
             let free = step.tracks().all(|(_, track)| {
                 track.movement.field().is_some_and(|field| *field == Field::default())
             });

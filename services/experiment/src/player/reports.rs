@@ -21,6 +21,8 @@ pub enum Reason {
     PermissionLost,
     /// The client's lease expired.
     ClientGone,
+    /// A wait for the scanner saw no pulse in time.
+    NoScanner,
 }
 
 impl Reason {
@@ -38,6 +40,9 @@ impl Reason {
             Self::NotHomed => "not homed: acquisition did not take up the zeros; try again",
             Self::OutOfRange => "a later segment leaves the range found; reduce its movement",
             Self::PermissionLost => "a trip, an emergency stop or a disarm ended the protocol",
+            Self::NoScanner => {
+                "no pulse of the scanner came in time; check its line and the rig file's [scanner]"
+            }
             Self::ClientGone => "its client is gone; `farreach run` must keep running",
         }
     }

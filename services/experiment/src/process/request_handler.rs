@@ -12,6 +12,7 @@ use rig::RigFile;
 use rig::protocol::Protocol;
 use runtime::clock::{SECOND_NS, now_ns};
 use runtime::{RigName, ServiceError, Worker};
+use scanner::REPETITION_S;
 
 use crate::player::{Change, Program, Reason};
 use crate::state::PlayerState;
@@ -66,23 +67,21 @@ impl RequestHandler {
 
     fn answer(&mut self, request: ExperimentRequest) -> ExperimentAnswer {
         let result = match request {
-            ExperimentRequest::Run { protocol, name, client } => {
-                self.play(&protocol, &name, client)
+            ExperimentRequest::Check { protocol, name, emulate_scanner_s } => {
+                // Why the last protocol ended does not concern this one.
+                let error = self.check(&protocol, &name, emulate_scanner_s).err();
+                return ExperimentAnswer { error: cut(error.unwrap_or_default()), ..self.status() };
+            }
+            ExperimentRequest::Run { protocol, name, client, emulate_scanner_s } => {
+                self.play(&protocol, &name, client, emulate_scanner_s)
             }
             ExperimentRequest::Renew { client } => self.renew(client),
             ExperimentRequest::Stop { client } => self.stop(client),
             ExperimentRequest::Status => Ok(()),
         };
         let mut answer = self.status();
-        if let Err(mut error) = result {
-            if error.len() > LONGEST_ERROR {
-                let mut end = LONGEST_ERROR;
-                while !error.is_char_boundary(end) {
-                    end -= 1;
-                }
-                error.truncate(end);
-            }
-            answer.error = error;
+        if let Err(error) = result {
+            answer.error = cut(error);
         }
         answer
     }
@@ -99,27 +98,19 @@ impl RequestHandler {
             duration_s: program.map_or(0.0, |program| program.duration_s()),
             completed: reading.completed,
             permission_lost: self.permission_lost,
+            scan: reading.scan,
             error: self.trouble.clone(),
         }
     }
 
-    fn play(&mut self, text: &str, name: &str, client: u64) -> Result<(), String> {
-        let protocol = Protocol::parse(text, name).map_err(|error| error.to_string())?;
-        let program =
-            Arc::new(Program::new(&protocol, &self.rig).map_err(|error| error.to_string())?);
-        let reading = self.link.progress.read();
-        if reading.running {
-            return Err(self.busy());
-        }
-        if now_ns().saturating_sub(reading.sample_ns) > SAMPLE_LIMIT_NS {
-            return Err(
-                "no samples arrive, so the handle's position is unknown: is acquisition running? \
-                        (`farreach status`)"
-                    .to_owned(),
-            );
-        }
-        // Before the permission, so that nobody powers a rig for a protocol that it cannot play.
-        self.check_homed(&program)?;
+    fn play(
+        &mut self,
+        text: &str,
+        name: &str,
+        client: u64,
+        emulate_scanner_s: Option<f64>,
+    ) -> Result<(), String> {
+        let program = Arc::new(self.check(text, name, emulate_scanner_s)?);
         if !self.link.progress.read().enabled {
             // The token that shows a fresh `enable` may still be on its way.
             self.wait_until(PERMISSION_LIMIT, |link| link.progress.read().enabled)
@@ -146,6 +137,32 @@ impl RequestHandler {
         (self.permission_lost, self.trouble) = (false, String::new());
         let before_ns = now_ns().saturating_add(TAKE_LIMIT.as_nanos() as u64);
         self.order(order, Order::Play { number: order, program, deadline_ns: before_ns })
+    }
+
+    /// The program of a protocol that could be played now, but for the motor's power: nobody shall
+    /// power a rig for a protocol that it cannot play.
+    fn check(
+        &self,
+        text: &str,
+        name: &str,
+        emulate_scanner_s: Option<f64>,
+    ) -> Result<Program, String> {
+        let protocol = Protocol::parse(text, name).map_err(|error| error.to_string())?;
+        let program = Program::new(&protocol, &self.rig).map_err(|error| error.to_string())?;
+        let program = with_scanner(program, &self.rig, emulate_scanner_s)?;
+        let reading = self.link.progress.read();
+        if reading.running {
+            return Err(self.busy());
+        }
+        if now_ns().saturating_sub(reading.sample_ns) > SAMPLE_LIMIT_NS {
+            return Err(
+                "no samples arrive, so the handle's position is unknown: is acquisition running? \
+                        (`farreach status`)"
+                    .to_owned(),
+            );
+        }
+        self.check_homed(&program)?;
+        Ok(program)
     }
 
     /// Refuses a protocol that moves an axis which is not homed.
@@ -232,7 +249,8 @@ impl RequestHandler {
         while let Ok(note) = self.link.changes.pop() {
             newest = Some(note);
         }
-        let (Some(ChangeReport { order, change, epoch }), Some(current)) = (newest, &self.current)
+        let (Some(ChangeReport { order, change, epoch, scan }), Some(current)) =
+            (newest, &self.current)
         else {
             return;
         };
@@ -245,7 +263,8 @@ impl RequestHandler {
             Change::Stopped(segment) | Change::Aborted(segment, _) => (segment, false),
             Change::Done => (current.program.segments().saturating_sub(1) as u32, false),
         };
-        let state = current.program.state(self.session, segment, running, epoch, current.client);
+        let client = current.client;
+        let state = current.program.state(self.session, segment, running, epoch, client, scan);
         self.permission_lost = matches!(change, Change::Aborted(_, Reason::PermissionLost));
         self.trouble = match save(&self.file, &state) {
             Ok(()) => match change {
@@ -259,6 +278,43 @@ impl RequestHandler {
                 )
             }
         };
+    }
+}
+
+/// An error that fits into an answer.
+fn cut(mut error: String) -> String {
+    if error.len() > LONGEST_ERROR {
+        let mut end = LONGEST_ERROR;
+        while !error.is_char_boundary(end) {
+            end -= 1;
+        }
+        error.truncate(end);
+    }
+    error
+}
+
+/// The program with the scanner that it shall follow: the trigger line's, or an emulated one.
+fn with_scanner(
+    program: Program,
+    rig: &RigFile,
+    emulate_scanner_s: Option<f64>,
+) -> Result<Program, String> {
+    let (shortest, longest) = REPETITION_S;
+    match emulate_scanner_s {
+        Some(repetition_s) if (shortest..=longest).contains(&repetition_s) => {
+            Ok(program.with_emulated_scanner(repetition_s))
+        }
+        Some(repetition_s) => Err(format!(
+            "--emulate-scanner: expected a repetition time from {shortest} to {longest} s, found \
+             {repetition_s}"
+        )),
+        None if program.needs_trigger() && rig.scanner.is_none() => Err(
+            "this protocol waits for the scanner or counts its volumes, and the rig has no trigger \
+             line: add a channel of kind \"trigger\" or [scanner] with `digital` to the rig file, \
+             or run with --emulate-scanner TR"
+                .to_owned(),
+        ),
+        None => Ok(program),
     }
 }
 

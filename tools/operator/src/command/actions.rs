@@ -43,7 +43,7 @@ pub(super) fn verb(rig_name: &RigName, verb: Verb, as_json: bool) -> anyhow::Res
 pub(super) fn run(arguments: &RunArguments, rig_name: &RigName) -> anyhow::Result<i32> {
     let options = &arguments.options;
     // A wrong file is told without a rig.
-    rig::load_protocol(&options.protocol, &options.overrides)?;
+    crate::run::chosen(options)?;
     let stop = runtime::stop_on(&[SIGINT, SIGTERM, SIGHUP])?;
     let link = link(rig_name)?;
     let unrecorded =
@@ -51,7 +51,7 @@ pub(super) fn run(arguments: &RunArguments, rig_name: &RigName) -> anyhow::Resul
     // Nothing is drawn where standard error is no terminal.
     let bar = ProgressBar::new(1000).with_style(ProgressStyle::with_template("{bar:40} {msg}")?);
     let mut told = false;
-    let mut ranges = Vec::new();
+    let (mut ranges, mut scan) = (Vec::new(), None);
     let outcome = crate::run_protocol(&link, options, &stop, &mut |progress| {
         if unrecorded && !told {
             eprintln!("nothing is being recorded (farreach rec start FILE)");
@@ -59,6 +59,7 @@ pub(super) fn run(arguments: &RunArguments, rig_name: &RigName) -> anyhow::Resul
         told = true;
         show(&bar, progress);
         ranges.clone_from(&progress.ranges);
+        scan = progress.scan;
     });
     bar.finish_and_clear();
     let outcome = outcome?;
@@ -66,10 +67,14 @@ pub(super) fn run(arguments: &RunArguments, rig_name: &RigName) -> anyhow::Resul
     if arguments.json.json {
         let mut value = serde_json::to_value(&outcome)?;
         value["ranges"] = serde_json::to_value(&ranges)?;
+        value["scan"] = serde_json::to_value(scan)?;
         print_json(&value)?;
     } else {
         for range in &ranges {
             writeln!(out, "{range}")?;
+        }
+        if let Some(scan) = &scan {
+            writeln!(out, "{scan}")?;
         }
         tell(&mut out, &outcome)?;
     }
@@ -156,9 +161,10 @@ fn tell(out: &mut dyn Write, outcome: &RunOutcome) -> std::io::Result<()> {
 fn show(bar: &ProgressBar, progress: &Progress) {
     let share = (progress.elapsed_s / progress.duration_s).clamp(0.0, 1.0);
     bar.set_position((share * 1000.0) as u64);
+    let scan = progress.scan.map_or_else(String::new, |scan| format!(", {scan}"));
     let absent = if progress.absent { " (the experiment process is restarting)" } else { "" };
     bar.set_message(format!(
-        "{:.1} of {:.1} s, segment {} of {} {}{absent}",
+        "{:.1} of {:.1} s, segment {} of {} {}{scan}{absent}",
         progress.elapsed_s,
         progress.duration_s,
         progress.segment,

@@ -4,8 +4,8 @@ use std::time::{Duration, Instant};
 
 use ipc_types::{
     COMMAND, EnableToken, Event, EventKind, Heartbeat, LOSS, LoopTiming, LossCounters, Message,
-    MotorCommand, Process, SAMPLE, Sample, TOKEN, WatchdogState, event_topic, heartbeat_topic,
-    timing_topic,
+    MotorCommand, Process, SAMPLE, SCANNER, Sample, ScannerPulse, TOKEN, WatchdogState,
+    event_topic, heartbeat_topic, timing_topic,
 };
 use runtime::{PortError, Subscriber, clock::now_ns};
 
@@ -73,6 +73,7 @@ pub(super) struct Observer {
     pub(super) samples: Latest<Sample>,
     commands: Latest<MotorCommand>,
     pub(super) tokens: Latest<EnableToken>,
+    pub(super) pulses: Latest<ScannerPulse>,
     timings: Vec<Latest<LoopTiming>>,
     heartbeats: Vec<Latest<Heartbeat>>,
     losses: Subscriber<LossCounters>,
@@ -97,6 +98,7 @@ impl Observer {
             samples: Latest::new(link.subscriber(SAMPLE)?),
             commands: Latest::new(link.subscriber(COMMAND)?),
             tokens: Latest::new(link.subscriber(TOKEN)?),
+            pulses: Latest::new(link.subscriber(SCANNER)?),
             timings: timings
                 .map(|topic| Ok(Latest::new(link.subscriber(topic)?)))
                 .collect::<Result<_, Error>>()?,
@@ -172,6 +174,7 @@ impl Observer {
         self.tokens.read()?;
         self.timings.iter_mut().try_for_each(Latest::read)?;
         self.heartbeats.iter_mut().try_for_each(Latest::read)?;
+        self.pulses.read()?;
         while let Some(loss) = self.losses.take()? {
             match self.loss.iter_mut().find(|known| known.topic == loss.topic) {
                 Some(known) => *known = loss,

@@ -1,0 +1,27 @@
+//! Changes of the player's state.
+
+use super::reports::Reason;
+
+/// A change of state; at most one in a step.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Change {
+    /// The protocol began, and with it segment 0.
+    Started,
+    /// The next segment began.
+    Segment(u32),
+    /// The segment was started again, after a restart or a pause.
+    Resumed(u32),
+    /// The last segment ended.
+    Done,
+    /// Playing was stopped in this segment.
+    Stopped(u32),
+    /// The protocol was aborted in this segment.
+    Aborted(u32, Reason),
+}
+
+impl Change {
+    /// Whether the protocol ends with it.
+    pub const fn ends(self) -> bool {
+        matches!(self, Self::Done | Self::Stopped(_) | Self::Aborted(..))
+    }
+}

@@ -1,0 +1,290 @@
+//! A protocol in a scanner: real processes, the simulated card's trigger line, and what the
+//! recording shows.
+#![allow(clippy::unwrap_used, clippy::expect_used)]
+
+mod common;
+
+use std::path::Path;
+use std::process::{Child, Output, Stdio};
+use std::time::Duration;
+
+use acquisition::Trigger;
+use ipc_types::{
+    Event, EventKind, LineEvent, Process, SAMPLE, SCANNER, Sample, ScannerPulse, VOLUME, Volume,
+    VolumeSource, event_topic,
+};
+use recording::mcap_read::Recording;
+use rig::RigFile;
+use scanner::{Series, reconcile};
+use serde_json::Value;
+
+use common::{Signal, TestRig, absolute, assert_told, kill, told, wait_for};
+
+const RIG: &str = include_str!("../launch/rigs/hydrostatic.toml");
+const REPETITION_S: f64 = 0.5;
+
+const PROTOCOL: &str = r#"[protocol]
+name = "scan"
+
+[scanner]
+repetition_s = 0.5
+
+[[segments]]
+kind = "wait_for_scanner"
+label = "wait"
+timeout_s = 4.0
+start_up_s = 1.0
+
+[[segments]]
+kind = "steps"
+label = "steps"
+positions_deg = [5.0, -5.0]
+rise_s = 1.0
+dwell_s = 2.0
+
+[[segments]]
+kind = "rest"
+label = "rest"
+duration_s = 2.0
+"#;
+
+/// Labels of its segments.
+const LABELS: &[&str] = &["wait", "steps", "rest"];
+
+/// A rig with absolute encoders, with other lines in its file.
+fn write_rig(rig: &TestRig, changes: &[(&str, String)]) -> String {
+    let text = changes.iter().fold(absolute(RIG), |text, (old, new)| {
+        assert_eq!(text.matches(old).count(), 1, "{old}");
+        text.replace(old, new)
+    });
+    let path = rig.path("scanner.toml");
+    std::fs::write(&path, text).unwrap();
+    path.to_str().unwrap().to_owned()
+}
+
+fn write_protocol(rig: &TestRig) -> String {
+    let path = rig.path("scan-protocol.toml");
+    std::fs::write(&path, PROTOCOL).unwrap();
+    path.to_str().unwrap().to_owned()
+}
+
+fn state(rig: &TestRig) -> Value {
+    let status: Value = serde_json::from_str(&rig.ok(["status", "--json"])).unwrap();
+    status["watchdog"]["state"].clone()
+}
+
+/// Starts a protocol in the background; on a loaded host the rig may trip meanwhile, rightly.
+fn start(rig: &TestRig, protocol: &str) -> Child {
+    rig.power_up();
+    let mut run = rig.farreach(["run", protocol, "--json"]);
+    run.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap()
+}
+
+/// The segment that is played; `None` while no protocol runs.
+fn segment(child: &mut Child, rig: &TestRig, label: &str) -> bool {
+    // A protocol that has ended, rightly or not, is not waited for.
+    child.try_wait().unwrap().is_some() || {
+        let file = rig.run_directory().join("experiment.state");
+        // The state names the protocol and the segment: `label` is the one that it was in.
+        std::fs::read(file).is_ok_and(|bytes| {
+            experiment::state::PlayerState::decode(&bytes).is_ok_and(|state| {
+                state.running && LABELS.get(state.segment as usize) == Some(&label)
+            })
+        })
+    }
+}
+
+/// Plays to the end with a kill of the experiment process in that segment; again after a trip of
+/// the rig.
+fn play_with_a_kill(rig: &TestRig, protocol: &str, label: &str) -> Value {
+    let mut last = String::new();
+    for attempt in 1..=20 {
+        let _disarmed = rig.run(["disarm"]);
+        let mut run = start(rig, protocol);
+        let reached = || segment(&mut run, rig, label);
+        assert!(wait_for(Duration::from_secs(60), reached), "never in `{label}`");
+        if let Some(process) =
+            rig.launcher_status().unit("experiment").and_then(|unit| unit.process)
+        {
+            kill(process.pid, Signal::KILL);
+        }
+        let output: Output = run.wait_with_output().unwrap();
+        last = told(&output);
+        if output.status.success() {
+            return serde_json::from_slice(&output.stdout).unwrap();
+        }
+        println!("attempt {attempt}: {last}");
+        assert!(last.contains("tripped"), "{last}");
+    }
+    panic!("never played to its end: {last}");
+}
+
+/// The messages of a topic.
+fn messages<T: ipc_types::Message>(recording: &Recording, topic: &str) -> Vec<T> {
+    recording.messages::<T>(topic).unwrap().map(|message| message.unwrap().message).collect()
+}
+
+#[test]
+fn a_protocol_in_the_scanner_counts_every_volume_though_its_process_is_killed() {
+    let rig = TestRig::patient("scanner");
+    // Faults all along the scan, as nobody knows when the protocol begins.
+    let missing: Vec<u64> = (7..2000).step_by(7).collect();
+    let spurious: Vec<f64> = (0..150).map(|at| 2.73 + 5.0 * f64::from(at)).collect();
+    let rig_file = write_rig(
+        &rig,
+        &[
+            ("trigger_repetition_s = 0.0", format!("trigger_repetition_s = {REPETITION_S:?}")),
+            ("trigger_pulse_s = 0.01 ", "trigger_pulse_s = 0.008 ".to_owned()),
+            ("trigger_jitter_s = 0.0", "trigger_jitter_s = 0.001".to_owned()),
+            ("# trigger_missing = [12, 40] ", format!("trigger_missing = {missing:?} ")),
+            ("# trigger_spurious_s = [33.3] ", format!("trigger_spurious_s = {spurious:?} ")),
+        ],
+    );
+    let (protocol, file) = (write_protocol(&rig), rig.path("scan.mcap"));
+    let text = |path: &Path| path.to_str().unwrap().to_owned();
+    rig.ok(["up", "--simulate", "--rig", &rig_file, "--record", &text(&file)]);
+
+    // The pulse may come while no process is there to see it.
+    let waited = play_with_a_kill(&rig, &protocol, "wait");
+    assert!(waited["scan"]["volumes"].as_u64().unwrap() >= 12, "{waited}");
+    let outcome = play_with_a_kill(&rig, &protocol, "steps");
+    let status = rig.ok(["status"]);
+    assert!(status.contains("scanner   ") && status.contains("pulses, the last"), "{status}");
+    let scan = &outcome["scan"];
+    assert!(scan["volumes"].as_u64().unwrap() >= 12, "{outcome}");
+    rig.ok(["rec", "stop"]);
+    rig.down();
+
+    let recording = Recording::open(&file).unwrap();
+    let samples: Vec<Sample> = messages(&recording, SAMPLE.topic.name);
+    let told: Vec<ScannerPulse> = messages(&recording, SCANNER.topic.name);
+    let times: Vec<u64> = told
+        .iter()
+        .filter(|pulse| pulse.kind == LineEvent::Pulse.code())
+        .map(|pulse| pulse.at_ns)
+        .collect();
+    // Every pulse that the samples show was told, with the same time.
+    let mut trigger = Trigger::new(&RigFile::load(&rig_file).unwrap()).unwrap();
+    let shown: Vec<u64> =
+        samples.iter().filter_map(|sample| trigger.observe(sample)).map(|p| p.at_ns).collect();
+    assert_eq!(times, shown);
+
+    // The volumes of the last run: what the pulses give, counted anew.
+    let all: Vec<Volume> = messages(&recording, VOLUME.topic.name);
+    let begun = all.iter().rposition(|volume| volume.index == 0).unwrap();
+    let first_ns = all[begun].at_ns;
+    let mut volumes: Vec<Volume> = Vec::new();
+    for volume in &all[begun..] {
+        volumes.retain(|known| known.index != volume.index);
+        volumes.push(*volume);
+    }
+    volumes.sort_by_key(|volume| volume.index);
+    let last_ns = volumes.last().unwrap().at_ns;
+    let in_scan = times.iter().copied().filter(|at| (first_ns..=last_ns).contains(at));
+    let expected = reconcile(in_scan, Series::new(REPETITION_S, None));
+    assert!(expected.counts.missed >= 1 && expected.counts.spurious >= 1, "{expected:?}");
+    let interpolated = VolumeSource::Interpolated.code();
+    let found: Vec<_> = volumes
+        .iter()
+        .map(|volume| (volume.index, volume.at_ns, volume.source == interpolated))
+        .collect();
+    let recounted: Vec<_> = (0..)
+        .zip(&expected.volumes)
+        .map(|(index, volume)| (index, volume.at_ns, volume.interpolated))
+        .collect();
+    assert_eq!(found, recounted);
+    assert_eq!(scan["volumes"], expected.counts.volumes);
+    assert_eq!(scan["missed"], expected.counts.missed);
+    // Spurious pulses after the last volume are no part of it.
+    assert!(scan["spurious"].as_u64().unwrap() >= expected.counts.spurious, "{scan}");
+
+    let topic = event_topic(Process::Experiment).unwrap().topic.name;
+    let events: Vec<Event> = messages(&recording, topic);
+    let has = |kind: EventKind| events.iter().any(|event| event.kind == kind.code());
+    for kind in [
+        EventKind::ScannerStarted,
+        EventKind::VolumesMissed,
+        EventKind::PulseSpurious,
+        EventKind::ProtocolResumed,
+        EventKind::VolumesCounted,
+    ] {
+        assert!(has(kind), "{kind:?}");
+    }
+    let listed = rig.run(["rec", "volumes", &text(&file), "--json"]);
+    assert_eq!(listed.status.code(), Some(3), "{}", common::told(&listed));
+    let scans: Value = serde_json::from_slice(&listed.stdout).unwrap();
+    let rows = scans.as_array().unwrap().last().unwrap()["rows"].as_array().unwrap();
+    assert_eq!(rows.len(), volumes.len());
+}
+
+#[test]
+fn a_wait_without_a_scanner_ends_and_an_emulated_one_takes_its_place() {
+    let rig = TestRig::patient("no-scanner");
+    let (rig_file, protocol) = (write_rig(&rig, &[]), write_protocol(&rig));
+    let file = rig.path("emulated.mcap").to_str().unwrap().to_owned();
+    rig.ok(["up", "--simulate", "--rig", &rig_file, "--record", &file]);
+    let ended = play_until(&rig, &["run", &protocol], "no pulse of the scanner came in time");
+    assert_eq!(ended.status.code(), Some(1), "{}", told(&ended));
+    let emulated = ["run", &protocol, "--emulate-scanner", "0.5", "--json"];
+    let ended = play_until(&rig, &emulated, "completed");
+    assert!(ended.status.success(), "{}", told(&ended));
+    // 1 s of start-up, 6 s of steps and 2 s of rest, a volume every half second; on a host that
+    // stalls for long a segment is played again.
+    let outcome: Value = serde_json::from_slice(&ended.stdout).unwrap();
+    assert!(outcome["scan"]["volumes"].as_u64().unwrap() >= 18, "{outcome}");
+    assert_eq!((&outcome["scan"]["missed"], &outcome["scan"]["spurious"]), (&0.into(), &0.into()));
+    // The recording is all that it takes to play it again.
+    rig.ok(["rec", "stop"]);
+    std::fs::remove_file(&protocol).unwrap();
+    let shorter = ["--set", "segments.1.dwell_s=0.5", "--emulate-scanner", "0.5"];
+    let again = [&["run", "--from", &file][..], &shorter[..]].concat();
+    let ended = play_until(&rig, &again, "completed");
+    assert!(ended.status.success(), "{}", told(&ended));
+    let refused = rig.run(["run", "--from", &file, "--emulate-scanner", "0.001"]);
+    assert_told(&refused, &["--emulate-scanner", "expected a repetition time from 0.02 to 60 s"]);
+    rig.down();
+}
+
+#[test]
+fn a_rig_without_a_trigger_line_refuses_before_the_motor_gets_power() {
+    let rig = TestRig::patient("no-trigger");
+    let changes = [
+        ("kind = \"trigger\"", "kind = \"other\"".to_owned()),
+        ("[scanner]\nchannel = \"scanner_trigger\"", "[scanner]\ndigital = 0".to_owned()),
+        ("threshold_v = 2.0\nhysteresis_v = 0.5 ", String::new()),
+    ];
+    // Such a file has a line; without the section it has none.
+    let file = write_rig(&rig, &changes);
+    let text = std::fs::read_to_string(&file).unwrap();
+    let (head, rest) = text.split_once("[scanner]").unwrap();
+    let (_, tail) = rest.split_once("\n\n").unwrap();
+    std::fs::write(&file, format!("{head}{tail}")).unwrap();
+    let protocol = write_protocol(&rig);
+    rig.ok(["up", "--simulate", "--rig", &file]);
+    let armed = wait_for(Duration::from_secs(60), || {
+        let _reset = rig.run(["reset"]);
+        rig.run(["arm"]).status.success() && state(&rig) == "armed"
+    });
+    assert!(armed, "{}", rig.ok(["status"]));
+    let refused = rig.run(["run", &protocol]);
+    assert_eq!(refused.status.code(), Some(1), "{}", told(&refused));
+    assert_told(&refused, &["no trigger line", "--emulate-scanner"]);
+    assert_eq!(state(&rig), "armed");
+    rig.down();
+}
+
+/// Runs until the output has a text; again after a trip of the rig.
+fn play_until(rig: &TestRig, arguments: &[&str], expected: &str) -> Output {
+    let mut last = String::new();
+    for _ in 0..20 {
+        let _disarmed = rig.run(["disarm"]);
+        rig.power_up();
+        let output = rig.run(arguments);
+        last = told(&output);
+        if last.contains(expected) {
+            return output;
+        }
+        assert!(last.contains("tripped"), "{last}");
+    }
+    panic!("`{expected}` never came: {last}");
+}

@@ -1,0 +1,347 @@
+//! `volumes`: the scans of a recording.
+
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::Write;
+use std::path::Path;
+
+use anyhow::{Context, bail};
+use ipc_types::{LineEvent, SCANNER, ScannerPulse, VOLUME, Volume, VolumeSource};
+use recording::mcap_read::{ReadError, Recording};
+use report::{Colour, Figure};
+use scanner::{Counts, REPETITION_S, Series, TimingLine, VolumeTime, between, reconcile};
+use serde::Serialize;
+
+use crate::inspect::grouped;
+use crate::{DATA_LOST, DONE};
+
+/// Files to write beside the result.
+pub(crate) struct Files<'a> {
+    pub(crate) table: Option<&'a Path>,
+    pub(crate) figure: Option<&'a Path>,
+}
+
+/// One scan: its volumes, from the first to the last that was seen.
+#[derive(Serialize)]
+struct Scan {
+    /// Volumes expected; 0 where nobody said.
+    expected: u64,
+    /// Volumes with a pulse.
+    volumes: u64,
+    /// Volumes without one.
+    missed: u64,
+    /// Pulses that belong to no volume.
+    spurious: u64,
+    /// Pulses after the last volume.
+    surplus: u64,
+    /// How often the scanner was started anew.
+    restarts: u64,
+    /// Whether the scanner was emulated.
+    emulated: bool,
+    /// Mean repetition time (s); `null` for less than two volumes, or a scanner that was started
+    /// anew.
+    repetition_s: Option<f64>,
+    /// Root mean square of the pulses' distances from a regular scanner (s).
+    jitter_s: Option<f64>,
+    rows: Vec<Row>,
+    #[serde(skip)]
+    times: Vec<VolumeTime>,
+}
+
+/// One volume.
+#[derive(Serialize)]
+struct Row {
+    volume: u64,
+    /// Time since the recording began (s).
+    t_s: f64,
+    /// How much later it began than with a regular scanner (s); `null` for less than two volumes.
+    deviation_s: Option<f64>,
+    source: &'static str,
+}
+
+pub(crate) fn volumes(
+    file: &Path,
+    series: Option<Series>,
+    files: &Files<'_>,
+    json: bool,
+    out: &mut dyn Write,
+) -> anyhow::Result<i32> {
+    let recording = Recording::open(file)?;
+    let (shortest, longest) = REPETITION_S;
+    let scans = match series {
+        Some(series) if (shortest..=longest).contains(&series.repetition_s) => {
+            numbered_anew(&recording, series)?
+        }
+        Some(series) => bail!(
+            "--repetition: expected a time from {shortest} to {longest} s, found {}; it is the \
+             scanner's TR",
+            series.repetition_s
+        ),
+        None => counted(&recording)?,
+    };
+    if scans.is_empty() {
+        let pulses = pulses(&recording)?.len();
+        bail!(
+            "{}: no protocol counted volumes, and {pulses} pulses of the scanner were recorded; \
+             number them with `--repetition TR`",
+            file.display()
+        );
+    }
+    if let Some(path) = files.table {
+        write_table(&scans, create(path)?)
+            .with_context(|| format!("{}: cannot write", path.display()))?;
+    }
+    if let Some(path) = files.figure {
+        let svg = figure(&scans).render_svg()?;
+        create(path)?
+            .write_all(svg.as_bytes())
+            .with_context(|| format!("{}: cannot write", path.display()))?;
+    }
+    let incomplete = |scan: &Scan| scan.missed > 0 || scan.volumes + scan.missed < scan.expected;
+    let code = if scans.iter().any(incomplete) { DATA_LOST } else { DONE };
+    if json {
+        writeln!(out, "{}", serde_json::to_string_pretty(&scans)?)?;
+        return Ok(code);
+    }
+    for (at, scan) in scans.iter().enumerate() {
+        tell(file, at, scan, out)?;
+    }
+    Ok(code)
+}
+
+fn create(path: &Path) -> anyhow::Result<File> {
+    File::create_new(path)
+        .with_context(|| format!("{}: cannot create; files are never overwritten", path.display()))
+}
+
+/// When the recording began (ns, CLOCK_MONOTONIC).
+fn began_ns(recording: &Recording) -> u64 {
+    let offset_ns = recording.realtime_offset_ns().unwrap_or(0);
+    recording.began_ns().and_then(|began| began.checked_add_signed(-offset_ns)).unwrap_or(0)
+}
+
+/// The pulses of the trigger line, in the order of their times; none where the topic is missing.
+fn pulses(recording: &Recording) -> anyhow::Result<Vec<u64>> {
+    let messages = match recording.messages::<ScannerPulse>(SCANNER.topic.name) {
+        Err(ReadError::NoTopic { .. }) => return Ok(Vec::new()),
+        messages => messages?,
+    };
+    let mut times = Vec::new();
+    for message in messages {
+        let pulse = message?.message;
+        if pulse.kind == LineEvent::Pulse.code() {
+            times.push(pulse.at_ns);
+        }
+    }
+    times.sort_unstable();
+    times.dedup();
+    Ok(times)
+}
+
+/// Numbers the pulses of the trigger line.
+fn numbered_anew(recording: &Recording, series: Series) -> anyhow::Result<Vec<Scan>> {
+    let found = reconcile(pulses(recording)?, series);
+    if found.volumes.is_empty() {
+        return Ok(Vec::new());
+    }
+    let row = |volume: &VolumeTime| match volume.interpolated {
+        true => (volume.at_ns, VolumeSource::Interpolated),
+        false => (volume.at_ns, VolumeSource::Pulse),
+    };
+    let rows: Vec<_> = found.volumes.iter().map(row).collect();
+    let expected = series.volumes.unwrap_or(0);
+    Ok(vec![Scan::new(expected, found.counts, 0, &rows, began_ns(recording))])
+}
+
+/// The scans that protocols counted, in the order of time.
+fn counted(recording: &Recording) -> anyhow::Result<Vec<Scan>> {
+    let messages = match recording.messages::<Volume>(VOLUME.topic.name) {
+        Err(ReadError::NoTopic { .. }) => return Ok(Vec::new()),
+        messages => messages?,
+    };
+    // After a restart of the experiment process the newer message of a volume is right, and where
+    // a later pulse took the place of an earlier one.
+    let mut scans: Vec<BTreeMap<u64, Volume>> = Vec::new();
+    for message in messages {
+        let volume = message?.message;
+        let begins = volume.index == 0 && volume.volumes == 1;
+        match scans.last_mut().filter(|scan| !begins || repeats(scan, &volume)) {
+            Some(scan) => scan.insert(volume.index, volume),
+            None => {
+                scans.push(BTreeMap::new());
+                scans.last_mut().and_then(|scan| scan.insert(volume.index, volume))
+            }
+        };
+    }
+    let began_ns = began_ns(recording);
+    let scan = |volumes: &BTreeMap<u64, Volume>| {
+        let newest = volumes.values().max_by_key(|volume| volume.time_ns)?;
+        let counts = Counts {
+            volumes: newest.volumes,
+            missed: newest.missed,
+            spurious: newest.spurious,
+            surplus: newest.surplus,
+            restarts: newest.restarts,
+        };
+        let (first, rows) = without_holes(volumes)?;
+        Some(Scan::new(newest.expected, counts, first, &rows, began_ns))
+    };
+    Ok(scans.iter().filter_map(scan).collect())
+}
+
+/// The volumes from the first on, with its number: of many without a pulse in a row not each has a
+/// message.
+fn without_holes(volumes: &BTreeMap<u64, Volume>) -> Option<(u64, Vec<(u64, VolumeSource)>)> {
+    let first = *volumes.keys().next()?;
+    let mut rows: Vec<(u64, VolumeSource)> = Vec::with_capacity(volumes.len());
+    for (index, volume) in volumes {
+        let hole = index - first - rows.len() as u64;
+        let before_ns = rows.last().map_or(volume.at_ns, |(at_ns, _)| *at_ns);
+        let times = between(before_ns, volume.at_ns, hole);
+        rows.extend(times.map(|at_ns| (at_ns, VolumeSource::Interpolated)));
+        let source = VolumeSource::from_code(volume.source).unwrap_or(VolumeSource::Pulse);
+        rows.push((volume.at_ns, source));
+    }
+    Some((first, rows))
+}
+
+/// Whether a first volume is one that the scan has already.
+fn repeats(scan: &BTreeMap<u64, Volume>, volume: &Volume) -> bool {
+    scan.get(&0).is_some_and(|first| first.at_ns == volume.at_ns)
+}
+
+impl Scan {
+    fn new(
+        expected: u64,
+        counts: Counts,
+        first: u64,
+        volumes: &[(u64, VolumeSource)],
+        began_ns: u64,
+    ) -> Self {
+        let time = |(at_ns, source): &(u64, VolumeSource)| VolumeTime {
+            at_ns: *at_ns,
+            interpolated: *source == VolumeSource::Interpolated,
+        };
+        let times: Vec<VolumeTime> = volumes.iter().map(time).collect();
+        // A line through two starts of the scanner would tell nothing.
+        let timing = TimingLine::through(&times).filter(|_| counts.restarts == 0);
+        let row = |(at, (at_ns, source)): (usize, &(u64, VolumeSource))| Row {
+            volume: first + at as u64,
+            t_s: (*at_ns as f64 - began_ns as f64) * 1e-9,
+            deviation_s: timing
+                .zip(times.get(at))
+                .map(|(timing, time)| timing.deviation_s(at, time)),
+            source: source.text(),
+        };
+        Self {
+            expected,
+            volumes: counts.volumes,
+            missed: counts.missed,
+            spurious: counts.spurious,
+            surplus: counts.surplus,
+            restarts: counts.restarts,
+            emulated: volumes.iter().any(|(_, source)| *source == VolumeSource::Emulated),
+            repetition_s: timing.map(|timing| timing.repetition_s),
+            jitter_s: timing.map(|timing| timing.jitter_s),
+            rows: volumes.iter().enumerate().map(row).collect(),
+            times,
+        }
+    }
+}
+
+fn tell(file: &Path, at: usize, scan: &Scan, out: &mut dyn Write) -> anyhow::Result<()> {
+    let number = |count: u64, one: &str, many: &str| {
+        format!("{} {}", grouped(count), if count == 1 { one } else { many })
+    };
+    let expected = match scan.expected {
+        0 => String::new(),
+        expected => format!(" of {}", grouped(expected)),
+    };
+    let emulated = if scan.emulated { " (emulated)" } else { "" };
+    writeln!(
+        out,
+        "{}: scan {}{emulated}: {}{expected} volumes",
+        file.display(),
+        at + 1,
+        grouped(scan.volumes + scan.missed)
+    )?;
+    if let (Some(first), Some(last)) = (scan.rows.first(), scan.rows.last()) {
+        writeln!(out, "  from {:.4} s to {:.4} s", first.t_s, last.t_s)?;
+    }
+    if let (Some(repetition_s), Some(jitter_s)) = (scan.repetition_s, scan.jitter_s) {
+        let jitter_ms = 1e3 * jitter_s;
+        writeln!(out, "  repetition time {repetition_s:.6} s, jitter {jitter_ms:.3} ms rms")?;
+    }
+    if scan.missed > 0 {
+        let interpolated = VolumeSource::Interpolated.text();
+        let which: Vec<String> = scan
+            .rows
+            .iter()
+            .filter(|row| row.source == interpolated)
+            .map(|row| row.volume.to_string())
+            .collect();
+        let what = number(scan.missed, "volume had", "volumes had");
+        writeln!(out, "  {what} no pulse, times interpolated: {}", which.join(", "))?;
+    }
+    for (count, what) in [
+        (scan.spurious, number(scan.spurious, "pulse belongs", "pulses belong") + " to no volume"),
+        (scan.surplus, number(scan.surplus, "pulse", "pulses") + " after the last volume"),
+        (scan.restarts, "the scanner was started anew: ".to_owned() + &grouped(scan.restarts)),
+    ] {
+        if count > 0 {
+            writeln!(out, "  {what}")?;
+        }
+    }
+    let end = scan.volumes + scan.missed;
+    if end < scan.expected {
+        writeln!(out, "  {} at the end were not seen", grouped(scan.expected - end))?;
+    }
+    Ok(())
+}
+
+fn write_table(scans: &[Scan], file: File) -> anyhow::Result<()> {
+    let mut table = csv::Writer::from_writer(file);
+    table.write_record(["scan", "volume", "t_s", "deviation_s", "source"])?;
+    for (at, scan) in scans.iter().enumerate() {
+        for row in &scan.rows {
+            let deviation = row.deviation_s.map_or_else(String::new, |value| format!("{value:.9}"));
+            table.write_record([
+                (at + 1).to_string(),
+                row.volume.to_string(),
+                format!("{:.9}", row.t_s),
+                deviation,
+                row.source.to_owned(),
+            ])?;
+        }
+    }
+    table.flush()?;
+    Ok(())
+}
+
+/// How far each volume was off a regular scanner.
+fn figure(scans: &[Scan]) -> Figure {
+    let mut figure = Figure::new("Volumes against a regular scanner", "volume", "deviation / ms")
+        .horizontal(Colour::Grey, "", 0.0);
+    // Scans follow each other along the axis.
+    let mut first = 0.0;
+    for (at, scan) in scans.iter().enumerate() {
+        let name = |what: &str| match scans.len() {
+            1 => what.to_owned(),
+            _ => format!("scan {}, {what}", at + 1),
+        };
+        for (interpolated, what, colour) in
+            [(false, "pulse", Colour::Blue), (true, "no pulse", Colour::Vermillion)]
+        {
+            let rows = scan.rows.iter().zip(&scan.times);
+            let (x, y): (Vec<f64>, Vec<f64>) = rows
+                .filter(|(_, time)| time.interpolated == interpolated)
+                .filter_map(|(row, _)| Some((first + row.volume as f64, 1e3 * row.deviation_s?)))
+                .unzip();
+            if !x.is_empty() {
+                figure = figure.scatter(colour, name(what), &x, &y);
+            }
+        }
+        first += scan.rows.len() as f64;
+    }
+    figure
+}
