@@ -1,8 +1,8 @@
 //! Finds the scanner's pulses in the samples.
 
-use ipc_types::{LineEvent, Sample, ScannerPulse};
+use ipc_types::{Sample, ScannerPulse};
 use rig::{RigFile, ScannerInput, ScannerLine};
-use scanner::{LineEventKind, PulseDetector};
+use scanner::PulseDetector;
 
 /// Finds the scanner's pulses in the samples of a rig. Allocates nothing.
 #[derive(Clone, Debug)]
@@ -27,17 +27,12 @@ impl Trigger {
         }
         let volts = self.line.volts(&sample.analog_v, sample.digital_in)?;
         let event = self.detector.observe(sample.scan_time_ns, volts)?;
-        let kind = match event.kind {
-            LineEventKind::Pulse => LineEvent::Pulse,
-            LineEventKind::GateEnd => LineEvent::GateEnd,
-            LineEventKind::Glitch => LineEvent::Glitch,
-        };
         Some(ScannerPulse {
             at_ns: event.at_ns,
             tick: sample.tick,
             pulses: self.detector.pulses(),
             glitches: self.detector.glitches(),
-            kind: kind.code(),
+            kind: event.kind.code(),
             ..ScannerPulse::default()
         })
     }

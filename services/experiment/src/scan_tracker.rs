@@ -173,7 +173,6 @@ impl ScanTracker {
             first_ns: None,
             next: 0,
         });
-        self.clear();
         self.state = ScanState {
             clock: plan.scan.map(|scan| VolumeClock::new(scan.series)),
             in_step: plan.scan.is_some_and(|scan| scan.in_step),

@@ -10,6 +10,7 @@ mod pulse_detector;
 mod reconciliation;
 mod volume_clock;
 
-pub use pulse_detector::{Line, LineEvent, LineEventKind, LineKind, PulseDetector};
+pub use ipc_types::LineEvent as LineEventKind;
+pub use pulse_detector::{Line, LineEvent, LineKind, PulseDetector};
 pub use reconciliation::{Reconciliation, TimingLine, VolumeTime, between, reconcile};
 pub use volume_clock::{Counted, Counts, REPETITION_S, Series, VolumeClock};

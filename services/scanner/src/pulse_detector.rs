@@ -1,5 +1,7 @@
 //! Finds the pulses on the trigger line.
 
+use ipc_types::LineEvent as LineEventKind;
+
 /// How the trigger line is read.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Line {
@@ -64,17 +66,6 @@ pub struct LineEvent {
     pub at_ns: u64,
     /// What it was.
     pub kind: LineEventKind,
-}
-
-/// What can happen on the line.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum LineEventKind {
-    /// A volume began; with a gate, the first one.
-    Pulse,
-    /// The gate closed: the scanner has stopped.
-    GateEnd,
-    /// A level was too short.
-    Glitch,
 }
 
 /// Longest time between two samples within which an edge is interpolated (ns): of a longer one

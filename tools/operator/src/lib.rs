@@ -27,6 +27,8 @@ pub use down::{Cleaning, Down, down};
 pub use error::{DATA_LOST, DONE, Error, FAILED, USAGE};
 pub use initialise_results::FoundRange;
 pub use link::{RigLink, verb};
-pub use run::{Progress, RunOptions, RunOutcome, client_number, run_protocol, stop_protocol};
+pub use run::{
+    ChosenProtocol, Progress, RunOptions, RunOutcome, client_number, run_protocol, stop_protocol,
+};
 pub use saved_rig_file::{rig_of, running};
 pub use up::{Up, UpOptions, up, up_in_foreground};

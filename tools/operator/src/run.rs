@@ -104,12 +104,12 @@ pub enum RunOutcome {
 /// answer. No protocol runs after an error.
 pub fn run_protocol(
     link: &RigLink,
-    options: &RunOptions,
+    chosen: &ChosenProtocol,
     stop: &AtomicBool,
     progress: &mut dyn FnMut(&Progress),
 ) -> Result<RunOutcome, Error> {
-    let chosen = chosen(options)?;
-    let Chosen { protocol, subject, .. } = &chosen;
+    let ChosenProtocol { protocol, subject, emulate_scanner_s, .. } = chosen;
+    let emulate_scanner_s = *emulate_scanner_s;
     let rig = rig_of(link.domain().name())?;
     protocol.check_against(&rig)?;
     let mut tokens = Tokens::new(link)?;
@@ -127,13 +127,12 @@ pub fn run_protocol(
         None => protocol.name.clone(),
     };
     let text = protocol.text().to_owned();
-    let emulate_scanner_s = options.emulate_scanner;
     let token = tokens.wait()?;
     if matches!(state_of(&token), WatchdogState::Enabled | WatchdogState::Armed) {
         // Before the motor gets power for a protocol that cannot be played.
         let (protocol, name) = (text.clone(), name.clone());
         let check = ExperimentRequest::Check { protocol, name, emulate_scanner_s };
-        accepted(link.experiment(&check)?)?;
+        accepted(&link.experiment(&check)?)?;
     }
     match state_of(&token) {
         WatchdogState::Enabled => {}
@@ -145,7 +144,7 @@ pub fn run_protocol(
             return Err(Error::NotArmed { state, cause });
         }
     }
-    record_run(link, &chosen, options)?;
+    record_run(link, chosen)?;
     let mut found = Ranges::new(link, rig)?;
     let begun = link
         .experiment(&ExperimentRequest::Run { protocol: text, name, client, emulate_scanner_s })
@@ -153,7 +152,7 @@ pub fn run_protocol(
             // The request may have arrived although the answer did not.
             let _stopped = link.experiment(&ExperimentRequest::Stop { client: Some(client) });
         })?;
-    accepted(begun)?;
+    accepted(&begun)?;
     let outcome = follow(link, protocol, client, &mut tokens, &mut found, stop, progress);
     if !matches!(outcome, Ok(RunOutcome::Completed { .. })) {
         // A process that does not answer needs no stop: control holds once the setpoint's lease
@@ -163,42 +162,64 @@ pub fn run_protocol(
     outcome
 }
 
-/// A protocol and whose hand it is for.
-pub(crate) struct Chosen {
-    pub(crate) protocol: Protocol,
+/// A protocol that was chosen and read, with what its recording is to say of it.
+pub struct ChosenProtocol {
+    protocol: Protocol,
     subject: Option<String>,
-    /// The overrides of the recording that it was taken from, a line each; those of the options
-    /// come after them.
-    overrides: Option<String>,
+    emulate_scanner_s: Option<f64>,
+    /// All overrides that made its text, in their order.
+    overrides: Vec<String>,
+    /// Identity of the text without the overrides of the options, where these changed it.
+    original: Option<u64>,
 }
 
-/// The protocol that the options name, and its subject.
-///
-/// # Errors
-/// If the file or the recording cannot be read, or the protocol is invalid.
-pub(crate) fn chosen(options: &RunOptions) -> Result<Chosen, Error> {
-    let Some(path) = &options.from else {
+impl ChosenProtocol {
+    /// Reads the protocol that the options name.
+    ///
+    /// # Errors
+    /// If the file or the recording cannot be read, or the protocol is invalid.
+    pub fn new(options: &RunOptions) -> Result<Self, Error> {
         let asked = options.protocol.as_deref().unwrap_or(Path::new(""));
-        let protocol = rig::load_protocol(asked, &options.overrides)?;
-        return Ok(Chosen { protocol, subject: options.subject.clone(), overrides: None });
-    };
-    let recording = Recording::open(path)?;
-    let Some((run, text)) =
-        recording.runs().filter_map(|run| Some((run, run.get(key::PROTOCOL_FILE)?))).last()
-    else {
-        return Err(Error::NothingPlayed(path.clone()));
-    };
-    let name = run.get(key::PROTOCOL).map_or("the protocol", String::as_str);
-    let name = format!("{} ({name})", path.display());
-    let text = with_overrides(text, &name, &options.overrides)?;
-    let protocol = Protocol::parse(&text, &name)?;
-    let subject = options.subject.clone().or_else(|| run.get(key::SUBJECT).cloned());
-    Ok(Chosen { protocol, subject, overrides: run.get(OVERRIDES).cloned() })
+        let mut chosen = match &options.from {
+            Some(path) => Self::recorded(path, &options.overrides)?,
+            None => Self::of(rig::load_protocol(asked, &options.overrides)?),
+        };
+        // Without its overrides a protocol may be incomplete: then there is no identity to name.
+        if !options.overrides.is_empty() && options.from.is_none() {
+            chosen.original = rig::load_protocol(asked, &[]).ok().map(|text| text.identity());
+        }
+        chosen.overrides.extend(options.overrides.iter().cloned());
+        chosen.subject = options.subject.clone().or(chosen.subject);
+        chosen.emulate_scanner_s = options.emulate_scanner;
+        Ok(chosen)
+    }
+
+    const fn of(protocol: Protocol) -> Self {
+        let (subject, emulate_scanner_s) = (None, None);
+        Self { protocol, subject, emulate_scanner_s, overrides: Vec::new(), original: None }
+    }
+
+    /// The protocol that was played last in a recording, with further overrides.
+    fn recorded(path: &Path, overrides: &[String]) -> Result<Self, Error> {
+        let recording = Recording::open(path)?;
+        let played = recording.runs().filter_map(|run| Some((run, run.get(key::PROTOCOL_FILE)?)));
+        let Some((run, text)) = played.last() else {
+            return Err(Error::NothingPlayed(path.to_owned()));
+        };
+        let name = run.get(key::PROTOCOL).map_or("the protocol", String::as_str);
+        let name = format!("{} ({name})", path.display());
+        let text = with_overrides(text, &name, overrides)?;
+        Ok(Self {
+            subject: run.get(key::SUBJECT).cloned(),
+            overrides: run.get(OVERRIDES).cloned().into_iter().collect(),
+            ..Self::of(Protocol::parse(&text, &name)?)
+        })
+    }
 }
 
-/// The answer, unless it reports an error.
-fn accepted(answer: ExperimentAnswer) -> Result<ExperimentAnswer, Error> {
-    if answer.error.is_empty() { Ok(answer) } else { Err(Error::Experiment(answer.error)) }
+/// Whether an answer reports no error.
+fn accepted(answer: &ExperimentAnswer) -> Result<(), Error> {
+    if answer.error.is_empty() { Ok(()) } else { Err(Error::Experiment(answer.error.clone())) }
 }
 
 fn follow(
@@ -265,32 +286,19 @@ fn follow(
 /// Tells the logger what is about to run, so that the recording stands alone: the protocol's text
 /// with the overrides applied, the overrides, the identity of the text without them, the subject,
 /// the emulated scanner.
-fn record_run(link: &RigLink, chosen: &Chosen, options: &RunOptions) -> Result<(), Error> {
-    let Chosen { protocol, subject, overrides } = chosen;
-    let mut metadata = vec![
-        (key::PROTOCOL.to_owned(), protocol.name.clone()),
-        (key::PROTOCOL_FILE.to_owned(), protocol.text().to_owned()),
+fn record_run(link: &RigLink, chosen: &ChosenProtocol) -> Result<(), Error> {
+    let ChosenProtocol { protocol, subject, emulate_scanner_s, overrides, original } = chosen;
+    let all = (!overrides.is_empty()).then(|| overrides.join("\n"));
+    let entries = [
+        (key::PROTOCOL, Some(protocol.name.clone())),
+        (key::PROTOCOL_FILE, Some(protocol.text().to_owned())),
+        (OVERRIDES, all),
+        ("protocol_identity", original.map(|identity| format!("{identity:016x}"))),
+        (key::SUBJECT, subject.clone()),
+        ("emulate_scanner_s", emulate_scanner_s.map(|repetition_s| repetition_s.to_string())),
     ];
-    let all: Vec<&str> = overrides
-        .iter()
-        .map(String::as_str)
-        .chain(options.overrides.iter().map(String::as_str))
-        .collect();
-    if !all.is_empty() {
-        metadata.push((OVERRIDES.to_owned(), all.join("\n")));
-    }
-    // Without its overrides a protocol may be incomplete: then there is no identity to name.
-    if !options.overrides.is_empty()
-        && let Some(asked) = &options.protocol
-        && let Ok(original) = rig::load_protocol(asked, &[])
-    {
-        metadata.push(("protocol_identity".to_owned(), format!("{:016x}", original.identity())));
-    }
-    metadata.extend(subject.iter().map(|id| (key::SUBJECT.to_owned(), id.clone())));
-    let emulated = options.emulate_scanner;
-    metadata.extend(
-        emulated.map(|repetition_s| ("emulate_scanner_s".to_owned(), repetition_s.to_string())),
-    );
+    let metadata =
+        entries.into_iter().filter_map(|(key, value)| Some((key.to_owned(), value?))).collect();
     link.logger(&LoggerRequest::Run { metadata })?;
     Ok(())
 }
@@ -325,7 +333,7 @@ pub fn client_number() -> u64 {
 
 /// The outcome in an answer; `None` while the protocol runs.
 fn ending(answer: &ExperimentAnswer) -> Result<Option<RunOutcome>, Error> {
-    let answer = accepted(answer.clone())?;
+    accepted(answer)?;
     Ok(match (answer.running, answer.completed) {
         (true, _) => None,
         (false, true) => Some(RunOutcome::Completed { elapsed_s: answer.elapsed_s }),

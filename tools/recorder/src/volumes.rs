@@ -1,7 +1,6 @@
 //! `volumes`: the scans of a recording.
 
 use std::collections::BTreeMap;
-use std::fs::File;
 use std::io::Write;
 use std::path::Path;
 
@@ -26,16 +25,8 @@ pub(crate) struct Files<'a> {
 struct Scan {
     /// Volumes expected; 0 where nobody said.
     expected: u64,
-    /// Volumes with a pulse.
-    volumes: u64,
-    /// Volumes without one.
-    missed: u64,
-    /// Pulses that belong to no volume.
-    spurious: u64,
-    /// Pulses after the last volume.
-    surplus: u64,
-    /// How often the scanner was started anew.
-    restarts: u64,
+    #[serde(flatten)]
+    counts: Counts,
     /// Whether the scanner was emulated.
     emulated: bool,
     /// Mean repetition time (s); `null` for less than two volumes, or a scanner that was started
@@ -88,16 +79,12 @@ pub(crate) fn volumes(
         );
     }
     if let Some(path) = files.table {
-        write_table(&scans, create(path)?)
-            .with_context(|| format!("{}: cannot write", path.display()))?;
+        write_new(path, table(&scans)?)?;
     }
     if let Some(path) = files.figure {
-        let svg = figure(&scans).render_svg()?;
-        create(path)?
-            .write_all(svg.as_bytes())
-            .with_context(|| format!("{}: cannot write", path.display()))?;
+        write_new(path, figure(&scans).render_svg()?)?;
     }
-    let incomplete = |scan: &Scan| scan.missed > 0 || scan.volumes + scan.missed < scan.expected;
+    let incomplete = |scan: &Scan| scan.counts.missed > 0 || scan.counted() < scan.expected;
     let code = if scans.iter().any(incomplete) { DATA_LOST } else { DONE };
     if json {
         writeln!(out, "{}", serde_json::to_string_pretty(&scans)?)?;
@@ -109,8 +96,9 @@ pub(crate) fn volumes(
     Ok(code)
 }
 
-fn create(path: &Path) -> anyhow::Result<File> {
-    File::create_new(path)
+/// Writes a file whole or not at all.
+fn write_new(path: &Path, contents: impl AsRef<[u8]>) -> anyhow::Result<()> {
+    files::create_new(path, contents)
         .with_context(|| format!("{}: cannot create; files are never overwritten", path.display()))
 }
 
@@ -211,6 +199,11 @@ fn repeats(scan: &BTreeMap<u64, Volume>, volume: &Volume) -> bool {
 }
 
 impl Scan {
+    /// Volumes up to the last one with a pulse.
+    const fn counted(&self) -> u64 {
+        self.counts.volumes + self.counts.missed
+    }
+
     fn new(
         expected: u64,
         counts: Counts,
@@ -235,11 +228,7 @@ impl Scan {
         };
         Self {
             expected,
-            volumes: counts.volumes,
-            missed: counts.missed,
-            spurious: counts.spurious,
-            surplus: counts.surplus,
-            restarts: counts.restarts,
+            counts,
             emulated: volumes.iter().any(|(_, source)| *source == VolumeSource::Emulated),
             repetition_s: timing.map(|timing| timing.repetition_s),
             jitter_s: timing.map(|timing| timing.jitter_s),
@@ -263,7 +252,7 @@ fn tell(file: &Path, at: usize, scan: &Scan, out: &mut dyn Write) -> anyhow::Res
         "{}: scan {}{emulated}: {}{expected} volumes",
         file.display(),
         at + 1,
-        grouped(scan.volumes + scan.missed)
+        grouped(scan.counted())
     )?;
     if let (Some(first), Some(last)) = (scan.rows.first(), scan.rows.last()) {
         writeln!(out, "  from {:.4} s to {:.4} s", first.t_s, last.t_s)?;
@@ -272,7 +261,7 @@ fn tell(file: &Path, at: usize, scan: &Scan, out: &mut dyn Write) -> anyhow::Res
         let jitter_ms = 1e3 * jitter_s;
         writeln!(out, "  repetition time {repetition_s:.6} s, jitter {jitter_ms:.3} ms rms")?;
     }
-    if scan.missed > 0 {
+    if scan.counts.missed > 0 {
         let interpolated = VolumeSource::Interpolated.text();
         let which: Vec<String> = scan
             .rows
@@ -280,27 +269,37 @@ fn tell(file: &Path, at: usize, scan: &Scan, out: &mut dyn Write) -> anyhow::Res
             .filter(|row| row.source == interpolated)
             .map(|row| row.volume.to_string())
             .collect();
-        let what = number(scan.missed, "volume had", "volumes had");
+        let what = number(scan.counts.missed, "volume had", "volumes had");
         writeln!(out, "  {what} no pulse, times interpolated: {}", which.join(", "))?;
     }
     for (count, what) in [
-        (scan.spurious, number(scan.spurious, "pulse belongs", "pulses belong") + " to no volume"),
-        (scan.surplus, number(scan.surplus, "pulse", "pulses") + " after the last volume"),
-        (scan.restarts, "the scanner was started anew: ".to_owned() + &grouped(scan.restarts)),
+        (
+            scan.counts.spurious,
+            number(scan.counts.spurious, "pulse belongs", "pulses belong") + " to no volume",
+        ),
+        (
+            scan.counts.surplus,
+            number(scan.counts.surplus, "pulse", "pulses") + " after the last volume",
+        ),
+        (
+            scan.counts.restarts,
+            "the scanner was started anew: ".to_owned() + &grouped(scan.counts.restarts),
+        ),
     ] {
         if count > 0 {
             writeln!(out, "  {what}")?;
         }
     }
-    let end = scan.volumes + scan.missed;
+    let end = scan.counted();
     if end < scan.expected {
         writeln!(out, "  {} at the end were not seen", grouped(scan.expected - end))?;
     }
     Ok(())
 }
 
-fn write_table(scans: &[Scan], file: File) -> anyhow::Result<()> {
-    let mut table = csv::Writer::from_writer(file);
+/// The volumes of all scans as CSV.
+fn table(scans: &[Scan]) -> anyhow::Result<Vec<u8>> {
+    let mut table = csv::Writer::from_writer(Vec::new());
     table.write_record(["scan", "volume", "t_s", "deviation_s", "source"])?;
     for (at, scan) in scans.iter().enumerate() {
         for row in &scan.rows {
@@ -314,8 +313,7 @@ fn write_table(scans: &[Scan], file: File) -> anyhow::Result<()> {
             ])?;
         }
     }
-    table.flush()?;
-    Ok(())
+    Ok(table.into_inner()?)
 }
 
 /// How far each volume was off a regular scanner.

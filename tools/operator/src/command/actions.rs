@@ -12,7 +12,7 @@ use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use super::{RunArguments, print, print_json};
 use crate::run::causes;
 use crate::up::absolute;
-use crate::{DATA_LOST, DONE, Error, FAILED, Progress, RigLink, RunOutcome};
+use crate::{ChosenProtocol, DATA_LOST, DONE, Error, FAILED, Progress, RigLink, RunOutcome};
 
 fn link(rig_name: &RigName) -> Result<RigLink, Error> {
     RigLink::open(rig_name).map_err(|error| match error {
@@ -41,9 +41,8 @@ pub(super) fn verb(rig_name: &RigName, verb: Verb, as_json: bool) -> anyhow::Res
 }
 
 pub(super) fn run(arguments: &RunArguments, rig_name: &RigName) -> anyhow::Result<i32> {
-    let options = &arguments.options;
     // A wrong file is told without a rig.
-    crate::run::chosen(options)?;
+    let chosen = ChosenProtocol::new(&arguments.options)?;
     let stop = runtime::stop_on(&[SIGINT, SIGTERM, SIGHUP])?;
     let link = link(rig_name)?;
     let unrecorded =
@@ -52,7 +51,7 @@ pub(super) fn run(arguments: &RunArguments, rig_name: &RigName) -> anyhow::Resul
     let bar = ProgressBar::new(1000).with_style(ProgressStyle::with_template("{bar:40} {msg}")?);
     let mut told = false;
     let (mut ranges, mut scan) = (Vec::new(), None);
-    let outcome = crate::run_protocol(&link, options, &stop, &mut |progress| {
+    let outcome = crate::run_protocol(&link, &chosen, &stop, &mut |progress| {
         if unrecorded && !told {
             eprintln!("nothing is being recorded (farreach rec start FILE)");
         }
