@@ -5,7 +5,6 @@
 mod common;
 
 use std::path::Path;
-use std::process::{Child, Output, Stdio};
 use std::time::Duration;
 
 use acquisition::Trigger;
@@ -18,7 +17,8 @@ use rig::RigFile;
 use scanner::{Series, reconcile};
 use serde_json::Value;
 
-use common::{Signal, TestRig, absolute, assert_told, kill, told, wait_for};
+use common::playing::{messages, play_until, play_with_kills};
+use common::{TestRig, absolute, assert_told, told, wait_for};
 
 const RIG: &str = include_str!("../launch/rigs/hydrostatic.toml");
 const REPETITION_S: f64 = 0.5;
@@ -48,8 +48,9 @@ label = "rest"
 duration_s = 2.0
 "#;
 
-/// Labels of its segments.
-const LABELS: &[&str] = &["wait", "steps", "rest"];
+/// Its segments.
+const WAIT: u32 = 0;
+const STEPS: u32 = 1;
 
 /// A rig with absolute encoders, with other lines in its file.
 fn write_rig(rig: &TestRig, changes: &[(&str, String)]) -> String {
@@ -73,57 +74,6 @@ fn state(rig: &TestRig) -> Value {
     status["watchdog"]["state"].clone()
 }
 
-/// Starts a protocol in the background; on a loaded host the rig may trip meanwhile, rightly.
-fn start(rig: &TestRig, protocol: &str) -> Child {
-    rig.power_up();
-    let mut run = rig.farreach(["run", protocol, "--json"]);
-    run.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap()
-}
-
-/// The segment that is played; `None` while no protocol runs.
-fn segment(child: &mut Child, rig: &TestRig, label: &str) -> bool {
-    // A protocol that has ended, rightly or not, is not waited for.
-    child.try_wait().unwrap().is_some() || {
-        let file = rig.run_directory().join("experiment.state");
-        // The state names the protocol and the segment: `label` is the one that it was in.
-        std::fs::read(file).is_ok_and(|bytes| {
-            experiment::state::PlayerState::decode(&bytes).is_ok_and(|state| {
-                state.running && LABELS.get(state.segment as usize) == Some(&label)
-            })
-        })
-    }
-}
-
-/// Plays to the end with a kill of the experiment process in that segment; again after a trip of
-/// the rig.
-fn play_with_a_kill(rig: &TestRig, protocol: &str, label: &str) -> Value {
-    let mut last = String::new();
-    for attempt in 1..=20 {
-        let _disarmed = rig.run(["disarm"]);
-        let mut run = start(rig, protocol);
-        let reached = || segment(&mut run, rig, label);
-        assert!(wait_for(Duration::from_secs(60), reached), "never in `{label}`");
-        if let Some(process) =
-            rig.launcher_status().unit("experiment").and_then(|unit| unit.process)
-        {
-            kill(process.pid, Signal::KILL);
-        }
-        let output: Output = run.wait_with_output().unwrap();
-        last = told(&output);
-        if output.status.success() {
-            return serde_json::from_slice(&output.stdout).unwrap();
-        }
-        println!("attempt {attempt}: {last}");
-        assert!(last.contains("tripped"), "{last}");
-    }
-    panic!("never played to its end: {last}");
-}
-
-/// The messages of a topic.
-fn messages<T: ipc_types::Message>(recording: &Recording, topic: &str) -> Vec<T> {
-    recording.messages::<T>(topic).unwrap().map(|message| message.unwrap().message).collect()
-}
-
 #[test]
 fn a_protocol_in_the_scanner_counts_every_volume_though_its_process_is_killed() {
     let rig = TestRig::patient("scanner");
@@ -145,9 +95,9 @@ fn a_protocol_in_the_scanner_counts_every_volume_though_its_process_is_killed() 
     rig.ok(["up", "--simulate", "--rig", &rig_file, "--record", &text(&file)]);
 
     // The pulse may come while no process is there to see it.
-    let waited = play_with_a_kill(&rig, &protocol, "wait");
+    let waited = play_with_kills(&rig, &[&protocol], &[WAIT]);
     assert!(waited["scan"]["volumes"].as_u64().unwrap() >= 12, "{waited}");
-    let outcome = play_with_a_kill(&rig, &protocol, "steps");
+    let outcome = play_with_kills(&rig, &[&protocol], &[STEPS]);
     let status = rig.ok(["status"]);
     assert!(status.contains("scanner   ") && status.contains("pulses, the last"), "{status}");
     let scan = &outcome["scan"];
@@ -271,20 +221,4 @@ fn a_rig_without_a_trigger_line_refuses_before_the_motor_gets_power() {
     assert_told(&refused, &["no trigger line", "--emulate-scanner"]);
     assert_eq!(state(&rig), "armed");
     rig.down();
-}
-
-/// Runs until the output has a text; again after a trip of the rig.
-fn play_until(rig: &TestRig, arguments: &[&str], expected: &str) -> Output {
-    let mut last = String::new();
-    for _ in 0..20 {
-        let _disarmed = rig.run(["disarm"]);
-        rig.power_up();
-        let output = rig.run(arguments);
-        last = told(&output);
-        if last.contains(expected) {
-            return output;
-        }
-        assert!(last.contains("tripped"), "{last}");
-    }
-    panic!("`{expected}` never came: {last}");
 }

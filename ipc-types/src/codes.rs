@@ -285,6 +285,30 @@ codes! {
         /// A protocol with a scan has ended: `a` volumes with a pulse, `b` without, `c` pulses that
         /// belong to none; the text says whether as many were expected.
         VolumesCounted = 26, "volumes counted";
+        /// A session begins, and the subject's light turns green: `a` its number, `b` how many
+        /// there are.
+        SessionStarted = 27, "session started";
+        /// A session is over, and the light turns red: `a` its number, `b` and `c` what the next
+        /// one has to match; the text says how it ended.
+        SessionOver = 28, "session over";
+    }
+
+    /// How a session ended.
+    SessionOutcome {
+        /// It ran to its end.
+        Whole = 0, "whole";
+        /// The protocol ended in it.
+        Stopped = 1, "stopped";
+        /// It is begun again, after a pause.
+        Interrupted = 2, "interrupted";
+    }
+
+    /// The subject's light.
+    Light {
+        /// No session runs: no force.
+        Red = 0, "red";
+        /// A session runs.
+        Green = 1, "green";
     }
 
     /// What happened on the scanner's trigger line.

@@ -15,6 +15,7 @@
 
 mod card;
 mod codes;
+mod experiment_types;
 mod message;
 mod process;
 mod requests;
@@ -25,6 +26,7 @@ mod zeros;
 
 pub use card::*;
 pub use codes::*;
+pub use experiment_types::*;
 pub use message::{
     CDR_HEADER, Code, Field, Message, Primitive, TypeVisitor, Value, schema_comment,
 };
@@ -47,3 +49,11 @@ pub const TABLES: usize = AXES * TABLE;
 pub const ANALOG: usize = 16;
 /// Bytes of an [`Event`]'s text.
 pub const TEXT: usize = 120;
+/// Most bars that a subject sees: one for the agonist muscles, one for the antagonists.
+pub const BARS: usize = 2;
+
+/// Calls the visitor with the message type of that name in shared memory, for what knows a topic
+/// from the table only; `None` where no message has the name.
+pub fn visit_type<V: TypeVisitor>(name: &str, visitor: V) -> Option<V::Output> {
+    types::visit(name, visitor).or_else(|visitor| experiment_types::visit(name, visitor)).ok()
+}

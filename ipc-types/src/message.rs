@@ -303,13 +303,16 @@ macro_rules! messages {
     ($($(#[doc = $doc:literal])+ $name:ident $version:ident { $($fields:tt)+ })+) => {
         $($crate::message::message! { $(#[doc = $doc])+ $name $version { $($fields)+ } })+
 
-        /// Calls the visitor with the message type of that name in shared memory, for what knows a
-        /// topic from the table only; `None` where no message has the name.
-        pub fn visit_type<V: $crate::TypeVisitor>(name: &str, visitor: V) -> Option<V::Output> {
+        /// Calls the visitor with the message type of that name; gives it back where no message of
+        /// this list has the name.
+        pub(crate) fn visit<V: $crate::TypeVisitor>(
+            name: &str,
+            visitor: V,
+        ) -> Result<V::Output, V> {
             $(if name == <$name as $crate::Message>::TYPE_NAME {
-                return Some(visitor.visit::<$name>());
+                return Ok(visitor.visit::<$name>());
             })+
-            None
+            Err(visitor)
         }
     };
 }

@@ -117,6 +117,8 @@ pub struct ExperimentAnswer {
     pub name: String,
     /// Index of the segment.
     pub segment: u32,
+    /// Name of the segment.
+    pub label: String,
     /// Number of segments.
     pub segments: u32,
     /// Time played (s).
@@ -129,8 +131,36 @@ pub struct ExperimentAnswer {
     pub permission_lost: bool,
     /// The volumes of the scan so far; `None` for a protocol that counts none.
     pub scan: Option<ScanProgress>,
+    /// The sessions so far; `None` for a protocol without.
+    pub sessions: Option<SessionProgress>,
     /// What went wrong; empty where nothing did.
     pub error: String,
+}
+
+/// The sessions of a protocol so far.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct SessionProgress {
+    /// Sessions that ran to their end.
+    pub over: u32,
+    /// Sessions planned.
+    pub sessions: u32,
+    /// What the next one has to match: mean torque (N·m or N), or mean activity of agonists and
+    /// antagonists; 0 before the first is over. `None` where they match nothing.
+    pub target: Option<Vec<f64>>,
+}
+
+impl fmt::Display for SessionProgress {
+    /// `2 of 4 sessions, target 0.213`.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} of {} sessions", self.over, self.sessions)?;
+        if let Some(target) = self.target.as_ref().filter(|_| self.over > 0) {
+            write!(f, ", target")?;
+            for (at, target) in target.iter().enumerate() {
+                write!(f, "{} {target:.3}", if at > 0 { " and" } else { "" })?;
+            }
+        }
+        Ok(())
+    }
 }
 
 /// The volumes of a scan so far.

@@ -5,8 +5,8 @@ use std::marker::PhantomData;
 use crate::process::{PROCESS_TOPICS, ProcessTopic, ProcessTopicKind};
 use crate::{
     CARD_FIFO, CardOutput, CardScan, ClockSync, EnableLine, EnableToken, Event, Field, Heartbeat,
-    HomeOrder, LoopTiming, LossCounters, Message, MotorCommand, Process, Sample, ScannerPulse,
-    Setpoint, Volume,
+    HomeOrder, LoopTiming, LossCounters, Message, MotorCommand, Performance, Process, Sample,
+    ScannerPulse, SessionResult, Setpoint, Volume,
 };
 
 /// How often a topic is published.
@@ -128,6 +128,12 @@ pub const SCANNER: TypedTopic<ScannerPulse> =
     topic("scanner", Process::Acquisition, Rate::Sporadic, 256, 256);
 /// The volumes that a protocol counts.
 pub const VOLUME: TypedTopic<Volume> = topic("volume", Process::Experiment, Rate::Sporadic, 256, 1);
+/// Sums of effort and the subject's bar, in a protocol that has sessions.
+pub const PERFORMANCE: TypedTopic<Performance> =
+    topic("performance", Process::Experiment, Rate::Sporadic, 256, 1);
+/// Sessions that have ended.
+pub const SESSION: TypedTopic<SessionResult> =
+    topic("session", Process::Experiment, Rate::Sporadic, 64, 16);
 /// The logger's loss counters.
 pub const LOSS: TypedTopic<LossCounters> = topic("loss", Process::Logger, Rate::Hertz(1), 256, 0);
 /// The logger's measurement of the wall clock.
@@ -148,6 +154,8 @@ const OWN: &[(usize, Topic)] = &[
     (22, HOME_ORDER.topic),
     (23, SCANNER.topic),
     (24, VOLUME.topic),
+    (25, PERFORMANCE.topic),
+    (26, SESSION.topic),
 ];
 
 /// A topic that several processes have.

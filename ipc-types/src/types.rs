@@ -309,33 +309,6 @@ messages! {
         reserved: [u8; 7],
     }
 
-    /// A volume of the scan that a protocol counts; again when a count changes before the next one,
-    /// and after a restart of the experiment process from the segment's beginning on.
-    Volume v1 {
-        /// its number, from 0
-        index: u64,
-        /// when it began [ns, CLOCK_MONOTONIC]
-        at_ns: u64,
-        /// number of volumes that the protocol expects; 0 where it does not say
-        expected: u64,
-        /// volumes with a pulse so far
-        volumes: u64,
-        /// volumes without one so far, between two that have one
-        missed: u64,
-        /// pulses so far that belong to no volume
-        spurious: u64,
-        /// pulses so far after the last volume
-        surplus: u64,
-        /// how often the scanner was started anew
-        restarts: u64,
-        /// repetition time, as the pulses show it (s)
-        repetition_s: f64,
-        /// VolumeSource
-        source: u8 = VolumeSource,
-        /// none
-        reserved: [u8; 7],
-    }
-
     /// Something happened that a person or an analysis wants to know.
     Event v1 {
         /// first value; its meaning depends on the kind

@@ -18,6 +18,7 @@ mod coupled_axes;
 mod field;
 mod field_check;
 mod field_stability;
+mod matching;
 mod matrix;
 mod movement;
 mod overrides;
@@ -30,10 +31,12 @@ mod torque_table;
 pub mod trajectory;
 mod unit_keys;
 
+use std::borrow::Cow;
 use std::path::Path;
 
 pub use coupled_axes::Companion;
 pub use field::Field;
+pub use matching::{Matching, Signal};
 pub use matrix::{MATRIX_AXES, Matrix};
 pub use movement::*;
 pub use overrides::with_overrides;
@@ -48,6 +51,7 @@ use crate::checked_toml::{Keys, Section, Source};
 use crate::content_hash::identity;
 use crate::error::ProtocolError;
 use crate::rig_file::RigFile;
+use matching::corner;
 
 /// Largest number of segments, repeats included.
 const SEGMENTS: usize = 10_000;
@@ -63,8 +67,11 @@ pub struct Protocol {
     pub description: String,
     /// Number of times that the whole list is played.
     pub repeat: u32,
-    /// The segments, as in the file.
+    /// The segments, as in the file; those of `[matching]` with the corner at 0, see
+    /// [`Protocol::segments_on`].
     pub segments: Vec<Segment>,
+    /// The matching experiment, where the file has one in place of segments.
+    pub matching: Option<Matching>,
     /// What is expected of the scan; `None` for a protocol that counts no volumes.
     pub scan: Option<Scan>,
     text: String,
@@ -74,7 +81,8 @@ pub struct Protocol {
 
 const FILE_KEYS: Keys = &[
     ("protocol", "Name and description."),
-    ("segments", "The segments, in the order of playing; at least one."),
+    ("segments", "The segments, in the order of playing; at least one, or `[matching]`."),
+    ("matching", "A force- or EMG-matching experiment, in place of segments."),
     ("scanner", "What is expected of the scan, for a protocol that runs in a scanner."),
 ];
 
@@ -135,16 +143,27 @@ impl Protocol {
             head.whole_or("repeat", 1, 1, 1000, "how often the whole list is played") as u32;
         // Before the segments, as on the generated page.
         let scan = Scan::read(root.section("scanner"));
-        let segments: Vec<_> =
+        let matching = Matching::read(root.section("matching"));
+        let mut segments: Vec<_> =
             root.sections("segments").into_iter().enumerate().map(Segment::read).collect();
-        if segments.is_empty() {
-            root.problem("segments", "at least one segment", "none", "write each as [[segments]]");
+        match matching {
+            Some(matching) if segments.is_empty() => segments = matching.segments(0.0),
+            Some(_) => {
+                let (expected, found) = ("either segments or [matching]", "both");
+                root.problem("segments", expected, found, "take one of them out");
+            }
+            None if segments.is_empty() => {
+                let advice = "write each as [[segments]]";
+                root.problem("segments", "at least one segment", "none", advice);
+            }
+            None => {}
         }
         let protocol = Self {
             name,
             description,
             repeat,
             segments,
+            matching,
             scan,
             text: text.to_owned(),
             file_name: file_name.to_owned(),
@@ -183,12 +202,29 @@ impl Protocol {
 
     /// The segments in the order of playing, repeats included, each with its index in the file.
     pub fn sequence(&self) -> impl Iterator<Item = (usize, &Segment)> {
+        self.sequence_of(&self.segments)
+    }
+
+    /// As [`Protocol::sequence`], of the segments for a rig.
+    pub fn sequence_of<'a>(
+        &self,
+        segments: &'a [Segment],
+    ) -> impl Iterator<Item = (usize, &'a Segment)> {
         (0..self.repeat).flat_map(move |_| {
-            self.segments
+            segments
                 .iter()
                 .enumerate()
                 .flat_map(|(index, segment)| (0..segment.repeat).map(move |_| (index, segment)))
         })
+    }
+
+    /// The segments for a rig: those of the file, or those of `[matching]` with the centre counted
+    /// from the corner of the rig's axis.
+    pub fn segments_on(&self, rig: &RigFile) -> Cow<'_, [Segment]> {
+        match self.matching.and_then(|matching| Some((matching, rig.axes.get(matching.axis)?))) {
+            Some((matching, axis)) => matching.segments(corner(axis)).into(),
+            None => self.segments.as_slice().into(),
+        }
     }
 
     /// Checks the protocol against a rig: axes and units, positions and speeds within the limits.
@@ -204,12 +240,16 @@ impl Protocol {
         let table = source.parse()?;
         // Reading it again records the lines of its keys.
         Self::read(source.root(table.get_ref()), &self.text, &self.file_name);
-        let mut failed = vec![false; self.segments.len()];
+        let segments = self.segments_on(rig);
+        if let Some(matching) = &self.matching {
+            matching.check(rig, &source);
+        }
+        let mut failed = vec![false; segments.len()];
         let mut ends: Vec<Option<f64>> = vec![None; rig.axes.len()];
-        for (index, segment) in self.sequence() {
+        for (index, segment) in self.sequence_of(&segments) {
             // A repeat may begin elsewhere, so each is checked; one message per segment is enough.
             if !failed[index] {
-                failed[index] = !segment.check(index, &ends, rig, &source);
+                failed[index] = !segment.check(&ends, rig, &source);
             }
             if segment.movement.end_is_unknown() {
                 ends.fill(None);

@@ -19,6 +19,7 @@ mod homing;
 mod ilc;
 mod ilc_job;
 mod measured_segments;
+mod playing;
 mod program;
 mod reports;
 mod scanner_wait;
@@ -150,6 +151,8 @@ pub struct Player {
     /// The last beat, and when its segment began.
     beat: (u64, u32),
     notice: Option<Notice>,
+    /// When the last segment ended that ran to its end.
+    last_edge_ns: u64,
     /// The zeros of the newest sample, and the order for new ones.
     zeros: Option<Zeros>,
     pending_order: Option<PendingOrder>,
@@ -179,6 +182,7 @@ impl Default for Player {
             finder: None,
             beat: (0, 0),
             notice: None,
+            last_edge_ns: 0,
             zeros: None,
             pending_order: None,
             scan: ScanTracker::default(),
@@ -458,6 +462,7 @@ impl Player {
             }
         }
         self.scan.pass_edge(edge_ns, planned_s);
+        self.last_edge_ns = edge_ns;
         if segment + 1 < program.steps.len() {
             self.phase = Phase::Playing { segment: segment + 1, begun_ns: edge_ns };
             self.begin_wait(program, segment + 1, edge_ns);

@@ -3,6 +3,7 @@
 mod ilc_worker;
 mod request_handler;
 mod scan_reports;
+mod session_reports;
 mod thread_link;
 
 use std::fs;
@@ -30,6 +31,7 @@ use crate::state::PlayerState;
 use ilc_worker::IlcWorker;
 use request_handler::{Current, RequestHandler};
 use scan_reports::ScanPorts;
+use session_reports::SessionPorts;
 use thread_link::{ChangeReport, LoopSide, Order};
 
 /// Period of the heartbeat (ns).
@@ -73,6 +75,7 @@ pub struct Runner {
     setpoints: Publisher<Setpoint>,
     home_orders: Publisher<HomeOrder>,
     scan: ScanPorts,
+    sessions: SessionPorts,
     heartbeats: Publisher<Heartbeat>,
     player: Player,
     link: LoopSide,
@@ -108,6 +111,11 @@ impl Runner {
                 None
             }
         };
+        let mut sessions = SessionPorts::open(&mut service)?;
+        if let Some(current) = &current {
+            sessions.resume(&player, &current.sessions);
+            warn_of_lost_session(current, &player, &mut service)?;
+        }
         let learnt = learnt.map_or_else(|| directory.join(LEARNT), Path::to_owned);
         let (link, request_side) = thread_link::pair();
         let fifo = service.domain().fifo();
@@ -140,6 +148,7 @@ impl Runner {
             setpoints: service.publisher(SETPOINT)?,
             home_orders: service.publisher(HOME_ORDER)?,
             scan: ScanPorts::open(&mut service)?,
+            sessions,
             heartbeats: service.heartbeat_publisher()?,
             requests: handler.serve(service.domain().name())?,
             grid: Grid::of_rate(rig.rates.experiment_hz, rig.phases.experiment_ns),
@@ -180,6 +189,7 @@ impl Runner {
                 self.setpoints.refresh();
                 self.home_orders.refresh();
                 self.scan.refresh();
+                self.sessions.refresh();
             }
             let losses = self.losses();
             if self.service.end_cycle(&self.grid, &wake, losses)?
@@ -200,6 +210,7 @@ impl Runner {
         while let Some(sample) = self.samples.take()? {
             let powered = sample.gate_state == GateState::Open.code();
             self.player.record(sample.scan_time_ns, &handles(Some(&sample)), powered);
+            self.sessions.see(&sample);
             self.newest = Some(sample);
         }
         self.scan.tell(&mut self.player)?;
@@ -253,6 +264,7 @@ impl Runner {
             if let Some(change) = output.change {
                 let program = self.player.program().map(AsRef::as_ref);
                 publish_change(change, program, &mut self.service)?;
+                self.sessions.follow(change, &self.player, wake.woke_ns);
                 if change.ends() {
                     self.scan.end();
                 }
@@ -265,6 +277,14 @@ impl Runner {
                 }
             }
         }
+        self.sessions.publish(
+            wake.woke_ns,
+            self.playing,
+            self.player.status().segment,
+            &mut self.link.steps,
+            &self.link.dropped,
+            &mut self.service,
+        )?;
         while let Some(job) = self.player.job() {
             if let Err(PushError::Full(job)) = self.ilc_worker.jobs.push(job) {
                 self.player.return_job(job);
@@ -295,7 +315,8 @@ impl Runner {
             .sent(self.setpoints.undelivered())
             .sent(self.home_orders.undelivered());
         let dropped = self.link.dropped.total() + self.player.scan_reports_dropped();
-        Losses { dropped, ..self.scan.losses(losses) }
+        let losses = Losses { dropped, ..self.scan.losses(losses) };
+        self.sessions.losses(losses)
     }
 
     fn heartbeat(&mut self, profile: Profile) -> Result<(), PortError> {
@@ -391,6 +412,25 @@ fn publish_change(
     }
 }
 
+/// A session whose mean the process before had no time to save before it died.
+fn warn_of_lost_session(
+    current: &Current,
+    player: &Player,
+    service: &mut Service,
+) -> Result<(), PortError> {
+    let segment = player.status().segment;
+    let (over, expected) =
+        (current.sessions.over, current.program.sessions_before(segment as usize));
+    if over >= expected {
+        return Ok(());
+    }
+    let text = format!(
+        "the mean of session {expected} was not saved: the target stays that of session {over}"
+    );
+    let event = Event::new(Process::Experiment, EventKind::SessionOver, Severity::Warning, &text);
+    service.publish(Event { a: f64::from(expected), segment, ..event })
+}
+
 /// Sets the player to what was being played in this session; `None` where nothing was. A file that
 /// cannot be used is moved aside, so that it is told of once.
 fn restore(
@@ -412,7 +452,8 @@ fn restore(
             Protocol::parse(&state.text, &state.name).map_err(|error| error.to_string())?;
         let program = Arc::new(Program::new(&protocol, rig).map_err(|error| error.to_string())?);
         player.resume(&state, Arc::clone(&program)).map_err(|error| error.to_string())?;
-        Ok(Some(Current { order: 0, client: state.client, program }))
+        let PlayerState { client, sessions, .. } = state;
+        Ok(Some(Current { order: 0, client, program, sessions, newest: None }))
     });
     if result.is_err() {
         // Nothing better can be done where even that fails: it is then told at each start.

@@ -4,8 +4,9 @@ use files::{Format, FormatError};
 use serde::{Deserialize, Serialize};
 
 use crate::scan_tracker::ScanState;
+use crate::session_state::SessionState;
 
-const FORMAT: Format = Format { what: "state of the experiment", mark: *b"FRPS", version: 3 };
+const FORMAT: Format = Format { what: "state of the experiment", mark: *b"FRPS", version: 4 };
 
 /// Progress of a protocol: its text, and the segment being played.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -28,10 +29,12 @@ pub struct PlayerState {
     pub client: u64,
     /// The scanner, as far as it was followed at the segment's beginning.
     pub scan: ScanState,
+    /// The sessions so far.
+    pub sessions: SessionState,
 }
 
 /// The fields of version 1, without epoch and client: such a protocol is not resumed, nor one of
-/// version 2, which has no scanner.
+/// version 2, which has no scanner, or 3, which has no sessions.
 #[derive(Deserialize)]
 struct Version1 {
     session: u64,
@@ -53,12 +56,30 @@ struct Version2 {
     client: u64,
 }
 
+/// The fields of version 3.
+#[derive(Deserialize)]
+struct Version3 {
+    first: Version2,
+    #[allow(dead_code)]
+    scan: ScanState,
+}
+
 impl From<Version1> for PlayerState {
     fn from(old: Version1) -> Self {
         let Version1 { session, name, text, protocol, segment, .. } = old;
         let (running, epoch, client) = (false, 0, 0);
-        let scan = ScanState::default();
-        Self { session, name, text, protocol, segment, running, epoch, client, scan }
+        Self {
+            session,
+            name,
+            text,
+            protocol,
+            segment,
+            running,
+            epoch,
+            client,
+            scan: ScanState::default(),
+            sessions: SessionState::default(),
+        }
     }
 }
 
@@ -88,6 +109,10 @@ impl PlayerState {
             Err(FormatError::Version { found: 2, .. }) => {
                 let old = Format { version: 2, ..FORMAT }.decode::<Version2>(bytes);
                 old.map(|old| Self::from(old.first))
+            }
+            Err(FormatError::Version { found: 3, .. }) => {
+                let old = Format { version: 3, ..FORMAT }.decode::<Version3>(bytes);
+                old.map(|old| Self::from(old.first.first))
             }
             decoded => decoded,
         }

@@ -8,10 +8,13 @@ use std::sync::Arc;
 
 use experiment::ilc_trial::{IlcResult, Returned};
 use experiment::ilc_update::IlcUpdater;
+use experiment::matching_bar::{Effort, Matched};
 use experiment::player::{IlcJob, Player, Program};
-use ipc_types::{AXES, LineEvent};
+use experiment::session_state::{SessionState, SessionStep};
+use experiment::session_tracker::{PlayedSegment, SessionPlan, SessionTracker};
+use ipc_types::{AXES, LineEvent, SessionOutcome};
 use rig::RigFile;
-use rig::protocol::Protocol;
+use rig::protocol::{Protocol, Signal};
 
 thread_local! {
     static COUNT: Cell<usize> = const { Cell::new(0) };
@@ -125,4 +128,43 @@ fn a_protocol_in_the_scanner_allocates_and_frees_nothing_in_the_loop() {
     }
     assert!(reports > 40, "{reports}");
     assert_eq!(total, 0, "the loop allocated or freed");
+}
+
+#[test]
+fn sessions_allocate_and_free_nothing_in_the_loop() {
+    let plan = SessionPlan { sessions: 2, matched: Some(Matched { signal: Signal::Emg, axis: 0 }) };
+    let mut tracker = SessionTracker::default();
+    let mut state = SessionState::with_capacity();
+    for step in [SessionStep::Begun, SessionStep::Update([0.5; 2]), SessionStep::Over(1, [1.0; 2])]
+    {
+        state.take(step);
+    }
+    let segment = |at: u64, session: Option<u32>| PlayedSegment {
+        segment: at as u32,
+        begun_ns: 600_000_000_000 * at,
+        planned_s: 600.0,
+        session,
+        rest: session.is_none(),
+    };
+    let (mut total, mut reports) = (0, 0);
+    counted(&mut total, || tracker.begin(plan, Some(&state)));
+    for (at, session) in [(0, Some(1)), (1, None), (2, Some(2)), (3, None)] {
+        let next = segment(at, session);
+        let outcome = SessionOutcome::Whole;
+        counted(&mut total, || tracker.pass_edge(next.begun_ns, outcome, Some(next)));
+        // The longest session that there can be, at a low rate of samples.
+        for k in 0..60_000 {
+            let at_ns = next.begun_ns + k * 10_000_000;
+            let effort = Effort { at_ns, tick: at * 60_000 + k, ..Effort::default() };
+            counted(&mut total, || {
+                tracker.see(effort);
+                tracker.advance(at_ns);
+            });
+            while counted(&mut total, || tracker.take_report()).is_some() {
+                reports += 1;
+            }
+        }
+    }
+    assert!(reports > 4 * 29_000 && tracker.dropped() == 0, "{reports}");
+    assert_eq!(total, 0, "{total} allocations and deallocations");
 }

@@ -19,8 +19,8 @@ const TEXT: &str = "[protocol]\nname = \"sine\"\n[[segments]]\nkind = \"guided_s
 /// The state with which another process would resume.
 fn state(player: &Player, session: u64, client: u64) -> PlayerState {
     let (segment, running) = (player.status().segment, !player.is_ending());
-    let (epoch, scan) = (player.epoch(), player.scan_state());
-    player.program().unwrap().state(session, segment, running, epoch, client, scan)
+    let begun = player.program().unwrap().state(session, player.epoch(), client);
+    PlayerState { segment, running, scan: player.scan_state(), ..begun }
 }
 
 fn program(text: &str) -> Arc<Program> {

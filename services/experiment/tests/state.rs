@@ -2,6 +2,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 use experiment::scan_tracker::ScanState;
+use experiment::session_state::SessionState;
 use experiment::state::{PlayerState, StateError};
 use files::FormatError;
 use proptest::prelude::*;
@@ -17,6 +18,7 @@ fn state(segment: u32, text: &str) -> PlayerState {
         epoch: 9,
         client: 11,
         scan: ScanState::default(),
+        sessions: SessionState::default(),
     }
 }
 
@@ -63,6 +65,20 @@ fn says_what_is_wrong() {
     *bytes.last_mut().unwrap() ^= 1;
     let error = PlayerState::decode(&bytes).unwrap_err().to_string();
     assert!(error.starts_with("state of the experiment is damaged: expected checksum "), "{error}");
+}
+
+/// Version 3 ends before the sessions.
+#[test]
+fn a_state_of_version_3_is_read_and_not_resumed() {
+    let written = state(3, "ab").encode().unwrap();
+    // Sessions that are all zero: two numbers in a byte each, and four of eight bytes.
+    let body = &written[14..written.len() - 34];
+    let mut bytes = b"FRPS\x03\x00".to_vec();
+    bytes.extend_from_slice(&files::fnv1a(body).to_le_bytes());
+    bytes.extend_from_slice(body);
+    let read = PlayerState::decode(&bytes).unwrap();
+    assert_eq!((read.session, read.text.as_str(), read.segment), (7, "ab", 3));
+    assert!(!read.running);
 }
 
 /// Version 2 has epoch and client besides.

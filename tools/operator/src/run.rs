@@ -6,8 +6,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use ipc_types::{
-    EnableToken, ExperimentAnswer, ExperimentRequest, LoggerRequest, ScanProgress, TOKEN,
-    TripCause, Verb, WatchdogState,
+    EnableToken, ExperimentAnswer, ExperimentRequest, LoggerRequest, ScanProgress, SessionProgress,
+    TOKEN, TripCause, Verb, WatchdogState,
 };
 use recording::mcap_read::Recording;
 use recording::mcap_write::key;
@@ -69,6 +69,8 @@ pub struct Progress {
     pub ranges: Vec<FoundRange>,
     /// The volumes of the scan; `None` for a protocol that counts none.
     pub scan: Option<ScanProgress>,
+    /// The sessions so far; `None` for a protocol without.
+    pub sessions: Option<SessionProgress>,
 }
 
 /// How a protocol ended, as `run --json` prints it.
@@ -231,17 +233,16 @@ fn follow(
     stop: &AtomicBool,
     progress: &mut dyn FnMut(&Progress),
 ) -> Result<RunOutcome, Error> {
-    let labels: Vec<&str> =
-        protocol.sequence().map(|(_, segment)| segment.label.as_str()).collect();
     let mut shown = Progress {
         elapsed_s: 0.0,
         duration_s: protocol.duration_s(),
         segment: 1,
-        segments: u32::try_from(labels.len()).unwrap_or(u32::MAX),
+        segments: u32::try_from(protocol.count()).unwrap_or(u32::MAX),
         label: String::new(),
         absent: false,
         ranges: Vec::new(),
         scan: None,
+        sessions: None,
     };
     let mut answered = Instant::now();
     loop {
@@ -260,9 +261,8 @@ fn follow(
                 shown.scan = answer.scan;
                 found.read(&mut shown.ranges)?;
                 shown.segment = answer.segment + 1;
-                shown.label = labels
-                    .get(answer.segment as usize)
-                    .map_or_else(String::new, |label| (*label).to_owned());
+                shown.label.clone_from(&answer.label);
+                shown.sessions.clone_from(&answer.sessions);
                 if answer.permission_lost {
                     return Ok(tripped(&tokens.wait()?));
                 }

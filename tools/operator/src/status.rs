@@ -2,6 +2,7 @@
 
 mod observe;
 mod percentiles;
+mod protocol;
 mod scanner;
 mod table;
 
@@ -18,6 +19,7 @@ use serde::Serialize;
 use self::observe::Observer;
 use crate::{Error, RigLink};
 pub use percentiles::Percentiles;
+pub use protocol::ProtocolStatus;
 pub use scanner::ScannerStatus;
 pub use table::table;
 
@@ -54,6 +56,8 @@ pub struct RigStatus {
     pub unhomed: Vec<usize>,
     /// The scanner; `null` if nothing was seen of it.
     pub scanner: Option<ScannerStatus>,
+    /// The running protocol; `null` if none runs.
+    pub protocol: Option<ProtocolStatus>,
     /// The processes.
     pub processes: Vec<ProcessStatus>,
     /// The logger.
@@ -254,8 +258,9 @@ impl Watcher {
         });
         // The volumes of a protocol that has ended are in the recording.
         let experiment = link.experiment(&ExperimentRequest::Status).ok();
-        let scan = experiment.filter(|answer| answer.running).and_then(|answer| answer.scan);
-        status.add(observer, scan);
+        let experiment = experiment.filter(|answer| answer.running);
+        status.add(observer, experiment.as_ref().and_then(|answer| answer.scan));
+        status.protocol = experiment.map(ProtocolStatus::from);
         Ok(())
     }
 }

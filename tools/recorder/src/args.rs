@@ -119,6 +119,21 @@ pub enum Command {
         #[arg(long)]
         json: bool,
     },
+    /// The sessions of an experiment: when each began and how it ended, mean torque, activity of
+    /// the muscles, what it had to match, and how well a guided one followed its reference. Exit
+    /// code 3 when a session is not whole, or samples of one are missing.
+    ///
+    /// Example: farreach rec sessions S07.mcap -o sessions.csv
+    Sessions {
+        /// The recording.
+        file: PathBuf,
+        /// Writes the table as CSV; the file must not exist.
+        #[arg(short, long, value_name = "CSV")]
+        out: Option<PathBuf>,
+        /// As JSON.
+        #[arg(long)]
+        json: bool,
+    },
     /// Writes a table: the measured record that `farreach identify` reads, or all fields of one
     /// topic.
     ///

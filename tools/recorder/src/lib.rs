@@ -54,6 +54,7 @@ mod export;
 mod inspect;
 mod names;
 mod output;
+mod sessions;
 mod volumes;
 
 use std::io::Write;
@@ -99,6 +100,9 @@ pub fn run_to(command: &Command, output: &mut dyn Write) -> anyhow::Result<i32> 
             let series = repetition.map(|repetition_s| Series::new(repetition_s, *volumes));
             let files = volumes::Files { table: table.as_deref(), figure: figure.as_deref() };
             volumes::volumes(file, series, &files, *json, out)
+        }
+        Command::Sessions { file, out: table, json } => {
+            sessions::sessions(file, table.as_deref(), *json, out)
         }
         Command::Export { file, to, topic, unit, axis, out: target } => {
             export::export(file, *to, topic.as_deref(), *unit, *axis, target.as_deref(), out)

@@ -1,6 +1,15 @@
 //! The output of a command.
 
 use std::io::{self, Write};
+use std::path::Path;
+
+use anyhow::Context;
+
+/// Writes a file whole or not at all.
+pub(crate) fn write_new(path: &Path, contents: impl AsRef<[u8]>) -> anyhow::Result<()> {
+    files::create_new(path, contents)
+        .with_context(|| format!("{}: cannot create; files are never overwritten", path.display()))
+}
 
 /// Discards what is written once the reader has closed the pipe (`farreach rec verify FILE | head
 /// -1`), so that a command comes to its end and its exit code does not depend on the reader.

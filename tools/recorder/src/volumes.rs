@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::io::Write;
 use std::path::Path;
 
-use anyhow::{Context, bail};
+use anyhow::bail;
 use ipc_types::{LineEvent, SCANNER, ScannerPulse, VOLUME, Volume, VolumeSource};
 use recording::mcap_read::{ReadError, Recording};
 use report::{Colour, Figure};
@@ -12,6 +12,7 @@ use scanner::{Counts, REPETITION_S, Series, TimingLine, VolumeTime, between, rec
 use serde::Serialize;
 
 use crate::inspect::grouped;
+use crate::output::write_new;
 use crate::{DATA_LOST, DONE};
 
 /// Files to write beside the result.
@@ -96,18 +97,6 @@ pub(crate) fn volumes(
     Ok(code)
 }
 
-/// Writes a file whole or not at all.
-fn write_new(path: &Path, contents: impl AsRef<[u8]>) -> anyhow::Result<()> {
-    files::create_new(path, contents)
-        .with_context(|| format!("{}: cannot create; files are never overwritten", path.display()))
-}
-
-/// When the recording began (ns, CLOCK_MONOTONIC).
-fn began_ns(recording: &Recording) -> u64 {
-    let offset_ns = recording.realtime_offset_ns().unwrap_or(0);
-    recording.began_ns().and_then(|began| began.checked_add_signed(-offset_ns)).unwrap_or(0)
-}
-
 /// The pulses of the trigger line, in the order of their times; none where the topic is missing.
 fn pulses(recording: &Recording) -> anyhow::Result<Vec<u64>> {
     let messages = match recording.messages::<ScannerPulse>(SCANNER.topic.name) {
@@ -138,7 +127,7 @@ fn numbered_anew(recording: &Recording, series: Series) -> anyhow::Result<Vec<Sc
     };
     let rows: Vec<_> = found.volumes.iter().map(row).collect();
     let expected = series.volumes.unwrap_or(0);
-    Ok(vec![Scan::new(expected, found.counts, 0, &rows, began_ns(recording))])
+    Ok(vec![Scan::new(expected, found.counts, 0, &rows, recording.began_monotonic_ns())])
 }
 
 /// The scans that protocols counted, in the order of time.
@@ -161,7 +150,7 @@ fn counted(recording: &Recording) -> anyhow::Result<Vec<Scan>> {
             }
         };
     }
-    let began_ns = began_ns(recording);
+    let began_ns = recording.began_monotonic_ns();
     let scan = |volumes: &BTreeMap<u64, Volume>| {
         let newest = volumes.values().max_by_key(|volume| volume.time_ns)?;
         let counts = Counts {

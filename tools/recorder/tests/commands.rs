@@ -1,35 +1,21 @@
 //! The commands on real files.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
-use std::fs;
-use std::path::{Path, PathBuf};
+mod common;
 
-use clap::Parser;
+use std::fs;
+use std::path::Path;
+
 use ipc_types::{
     COMMAND, Event, EventKind, Message, MotorCommand, Process, SAMPLE, SCANNER, Sample,
     ScannerPulse, Severity, VOLUME, Volume, VolumeSource, event_topic,
 };
-use recorder::{Command, DATA_LOST, DONE};
+use recorder::{DATA_LOST, DONE};
 use recording::mcap_write::{Start, Writer, key};
 use recording::record::{Options, from_csv};
 
-#[derive(Parser)]
-struct Line {
-    #[command(subcommand)]
-    command: Command,
-}
-
-fn rec(words: &[&str]) -> (i32, String) {
-    let line = Line::try_parse_from(std::iter::once("rec").chain(words.iter().copied())).unwrap();
-    let mut out = Vec::new();
-    let code = recorder::run_to(&line.command, &mut out).unwrap();
-    (code, String::from_utf8(out).unwrap())
-}
-
-fn fails(words: &[&str]) -> String {
-    let line = Line::try_parse_from(std::iter::once("rec").chain(words.iter().copied())).unwrap();
-    format!("{:#}", recorder::run_to(&line.command, &mut Vec::new()).unwrap_err())
-}
+use clap::Parser;
+use common::{Folder, Line, fails, rec};
 
 fn sample(i: u64) -> Sample {
     let t = i as f64 * 5e-4;
@@ -69,20 +55,6 @@ fn write(path: &Path, ticks: impl IntoIterator<Item = u64>, end: bool) {
         let growing = path.with_extension("growing");
         fs::rename(path, &growing).unwrap();
         fs::copy(&growing, path).unwrap();
-    }
-}
-
-struct Folder(tempfile::TempDir);
-
-impl Folder {
-    fn new() -> Self {
-        Self(tempfile::tempdir().unwrap())
-    }
-    fn path(&self, name: &str) -> PathBuf {
-        self.0.path().join(name)
-    }
-    fn text(&self, name: &str) -> String {
-        self.path(name).to_str().unwrap().to_owned()
     }
 }
 

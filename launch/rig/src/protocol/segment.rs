@@ -23,6 +23,10 @@ pub struct Segment {
     pub movement: Movement,
     /// Movements of the coupled axes.
     pub companions: Vec<Companion>,
+    /// Whether it is a session: sums of effort are kept over it, and it counts.
+    pub session: bool,
+    /// The section of the file that it is from, for messages: `segments.0`.
+    pub(super) section: String,
 }
 
 const KEYS: Keys = &[
@@ -33,6 +37,7 @@ const KEYS: Keys = &[
     ("phases_deg", "Phase lead of each coupled axis, in degrees (guided_sine, multisine)."),
     ("scales", "Amplitude of each coupled axis as a part of the segment's; negative mirrors it."),
     ("repeat", "Number of times that the segment is played."),
+    ("session", "Whether it is a session: sums of torque and muscle activity are kept over it."),
 ];
 
 impl Segment {
@@ -50,6 +55,8 @@ impl Segment {
                 as u32,
             movement,
             companions,
+            session: section.flag_or("session", false),
+            section: format!("segments.{index}"),
         }
     }
 
@@ -66,23 +73,18 @@ impl Segment {
 
     /// Checks the movement of every axis; `starts` are the axes' positions at its start, where
     /// known. Reports the first problem only, and returns false where there is one.
-    pub(super) fn check(
-        &self,
-        segment: usize,
-        starts: &[Option<f64>],
-        rig: &RigFile,
-        source: &Source<'_>,
-    ) -> bool {
+    pub(super) fn check(&self, starts: &[Option<f64>], rig: &RigFile, source: &Source<'_>) -> bool {
         self.moves().all(|(index, movement)| {
             let Some(axis) = rig.axes.get(index) else {
-                let key = |name: &str| format!("segments.{segment}.{name}");
+                let key = |name: &str| format!("{}.{name}", self.section);
                 let key = if source.has(&key("axes")) { key("axes") } else { key("axis") };
                 let last = rig.axes.len() - 1;
                 let expected = format!("an axis of the rig \"{}\" (0 to {last})", rig.name);
                 return source.problem(&key, expected, index, "move an axis that the rig has");
             };
             let start = starts.get(index).copied().flatten();
-            self.check_movement(movement, &Placement { rig, axis, index, segment, start, source })
+            let section = &self.section;
+            self.check_movement(movement, &Placement { rig, axis, index, section, start, source })
         })
     }
 

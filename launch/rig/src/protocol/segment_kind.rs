@@ -100,8 +100,8 @@ pub struct Placement<'a> {
     pub(crate) axis: &'a Axis,
     /// Index of the axis.
     pub(crate) index: usize,
-    /// Index of the segment in the file.
-    pub(crate) segment: usize,
+    /// The segment's section in the file.
+    pub(crate) section: &'a str,
     /// Position at its start (rad or m); `None` where it is unknown.
     pub(crate) start: Option<f64>,
     pub(crate) source: &'a Source<'a>,
@@ -110,7 +110,7 @@ pub struct Placement<'a> {
 impl Placement<'_> {
     /// Path of one of the segment's keys.
     pub(crate) fn key(&self, name: &str) -> String {
-        format!("segments.{}.{name}", self.segment)
+        format!("{}.{name}", self.section)
     }
 
     /// The first of these keys that is in the file, else `kind`.

@@ -174,9 +174,12 @@ fn the_page_of_protocols_is_what_the_reader_accepts() {
                 .replace("DURATION", duration)
                 .replace("LAW", law)
                 .replace("MORE", &more);
-            accepted.read(&format!("[protocol]\n[scanner]\n{segment}"), |root, text| {
-                Protocol::read(root, text, "reference.toml");
-            });
+            accepted.read(
+                &format!("[protocol]\n[scanner]\n[matching]\n{segment}"),
+                |root, text| {
+                    Protocol::read(root, text, "reference.toml");
+                },
+            );
         }
     }
     check("protocols.md", &accepted.page(include_str!("generated_pages/protocols.md")));

@@ -8,8 +8,11 @@ use rig::{ProtocolError, RigFile};
 use scanner::LineKind;
 
 use crate::ilc_update::Plan;
+use crate::matching_bar::Matched;
 use crate::prepared_movement::PreparedMovement;
 use crate::scan_tracker::{ScanPlan, ScanState};
+use crate::session_state::SessionState;
+use crate::session_tracker::{PlayedSegment, SessionPlan};
 use crate::state::PlayerState;
 
 use super::axis_homing::AxisHoming;
@@ -28,6 +31,8 @@ pub struct Program {
     pub(super) steps: Vec<Step>,
     /// What it says of the scanner.
     pub(super) scan: ScanPlan,
+    /// Its sessions.
+    sessions: SessionPlan,
     pub(super) duration_s: f64,
 }
 
@@ -43,6 +48,8 @@ pub(super) struct Step {
     pub(super) begins_s: f64,
     /// The learning run, if the segment is one.
     pub(super) plan: Option<Arc<Plan>>,
+    /// Number of the session that it is, from 1; `None` where it is none.
+    session: Option<u32>,
 }
 
 impl Step {
@@ -60,22 +67,21 @@ impl Program {
     /// The errors of [`Protocol::check_against`].
     pub fn new(protocol: &Protocol, rig: &RigFile) -> Result<Self, ProtocolError> {
         protocol.check_against(rig)?;
-        let tracks: Vec<_> = protocol
-            .segments
+        let segments = protocol.segments_on(rig);
+        let tracks: Vec<_> = segments
             .iter()
             .map(|segment| PreparedMovement::new(segment.movement.clone()))
             .collect();
-        let plans: Vec<_> = protocol
-            .segments
+        let plans: Vec<_> = segments
             .iter()
             .map(|segment| match &segment.movement {
                 Movement::Learn(learn) => Plan::new(learn, segment.axis, rig).map(Arc::new),
                 _ => None,
             })
             .collect();
-        let mut begins_s = 0.0;
+        let (mut begins_s, mut sessions) = (0.0, 0);
         let mut steps = Vec::with_capacity(protocol.count());
-        for (index, segment) in protocol.sequence() {
+        for (index, segment) in protocol.sequence_of(&segments) {
             let track = tracks[index].clone();
             let others = segment
                 .companions
@@ -84,6 +90,7 @@ impl Program {
             let others = others.collect();
             let duration_s = track.duration_s();
             let plan = plans[index].clone();
+            sessions += u32::from(segment.session);
             steps.push(Step {
                 label: segment.label.clone(),
                 axis: segment.axis,
@@ -91,6 +98,7 @@ impl Program {
                 others,
                 begins_s,
                 plan,
+                session: segment.session.then_some(sessions),
             });
             begins_s += duration_s;
         }
@@ -110,12 +118,18 @@ impl Program {
             steps,
             scan: ScanPlan {
                 scan: protocol.scan,
-                waits: protocol.segments.iter().any(Segment::waits_for_scanner),
+                waits: segments.iter().any(Segment::waits_for_scanner),
                 gate_width_s: rig
                     .scanner
                     .filter(|line| line.line.kind == LineKind::Gate)
                     .map(|line| line.line.minimum_width_s),
                 emulated_s: None,
+            },
+            sessions: SessionPlan {
+                sessions,
+                matched: protocol
+                    .matching
+                    .map(|matching| Matched { signal: matching.signal, axis: matching.axis }),
             },
             duration_s: begins_s,
         })
@@ -144,19 +158,42 @@ impl Program {
         self.identity
     }
 
-    /// The state in `session` of the rig that a restarted process needs to resume in `segment`;
-    /// see [`PlayerState`].
-    pub fn state(
-        &self,
-        session: u64,
-        segment: u32,
-        running: bool,
-        epoch: u64,
-        client: u64,
-        scan: ScanState,
-    ) -> PlayerState {
-        let (name, text, protocol) = (self.name.clone(), self.text.clone(), self.identity);
-        PlayerState { session, name, text, protocol, segment, running, epoch, client, scan }
+    /// The state in `session` of the rig before the first segment, for the client that started it
+    /// in the enable `epoch`; see [`PlayerState`].
+    pub fn state(&self, session: u64, epoch: u64, client: u64) -> PlayerState {
+        PlayerState {
+            session,
+            name: self.name.clone(),
+            text: self.text.clone(),
+            protocol: self.identity,
+            segment: 0,
+            running: false,
+            epoch,
+            client,
+            scan: ScanState::default(),
+            sessions: SessionState::default(),
+        }
+    }
+
+    /// Its sessions.
+    pub const fn sessions(&self) -> SessionPlan {
+        self.sessions
+    }
+
+    /// A segment that began at `begun_ns` (CLOCK_MONOTONIC); `None` where there is none.
+    pub fn played(&self, segment: usize, begun_ns: u64) -> Option<PlayedSegment> {
+        self.steps.get(segment).map(|step| PlayedSegment {
+            segment: segment as u32,
+            begun_ns,
+            planned_s: step.track.duration_s(),
+            session: step.session,
+            rest: matches!(step.track.movement, Movement::Rest(_)),
+        })
+    }
+
+    /// The sessions that are over where this segment begins.
+    pub fn sessions_before(&self, segment: usize) -> u32 {
+        self.steps.iter().take(segment).filter_map(|step| step.session).max().unwrap_or(0)
     }
 
     /// Number of segments, repeats counted.

@@ -6,7 +6,8 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use ipc_types::{
-    EXPERIMENT_COMMANDS, Event, EventKind, ExperimentAnswer, ExperimentRequest, Process, Severity,
+    EXPERIMENT_COMMANDS, Event, EventKind, ExperimentAnswer, ExperimentRequest, Process,
+    SessionProgress, Severity,
 };
 use rig::RigFile;
 use rig::protocol::Protocol;
@@ -15,6 +16,7 @@ use runtime::{RigName, ServiceError, Worker};
 use scanner::REPETITION_S;
 
 use crate::player::{Change, Program, Reason};
+use crate::session_state::{SessionState, SessionStep};
 use crate::state::PlayerState;
 
 use super::ilc_worker::find_references;
@@ -35,6 +37,22 @@ pub(super) struct Current {
     pub(super) order: u32,
     pub(super) client: u64,
     pub(super) program: Arc<Program>,
+    /// Its sessions so far.
+    pub(super) sessions: SessionState,
+    /// The newest change that the loop has reported.
+    pub(super) newest: Option<ChangeReport>,
+}
+
+impl Current {
+    /// The sessions so far; `None` for a protocol without.
+    fn progress(&self) -> Option<SessionProgress> {
+        let plan = self.program.sessions();
+        (plan.sessions > 0).then(|| SessionProgress {
+            over: self.sessions.over,
+            sessions: plan.sessions,
+            target: plan.matched.map(|matched| self.sessions.target[..matched.bars()].to_vec()),
+        })
+    }
 }
 
 /// What the thread works with.
@@ -93,12 +111,15 @@ impl RequestHandler {
             running: reading.running,
             name: program.map_or_else(String::new, |program| program.name().to_owned()),
             segment: reading.segment,
+            label: program
+                .map_or_else(String::new, |program| program.label(reading.segment as usize).into()),
             segments: program.map_or(0, |program| program.segments() as u32),
             elapsed_s: reading.elapsed_s,
             duration_s: program.map_or(0.0, |program| program.duration_s()),
             completed: reading.completed,
             permission_lost: self.permission_lost,
             scan: reading.scan,
+            sessions: self.current.as_ref().and_then(Current::progress),
             error: self.trouble.clone(),
         }
     }
@@ -133,7 +154,9 @@ impl RequestHandler {
         let order = self.next_order();
         self.retired.retain(|program| Arc::strong_count(program) > 1);
         self.retired.push(Arc::clone(&program));
-        self.current = Some(Current { order, client, program: Arc::clone(&program) });
+        let (sessions, newest) = (SessionState::default(), None);
+        self.current =
+            Some(Current { order, client, program: Arc::clone(&program), sessions, newest });
         (self.permission_lost, self.trouble) = (false, String::new());
         let before_ns = now_ns().saturating_add(TAKE_LIMIT.as_nanos() as u64);
         self.order(order, Order::Play { number: order, program, deadline_ns: before_ns })
@@ -243,20 +266,27 @@ impl RequestHandler {
         Ok(())
     }
 
-    /// Saves the newest change that the loop has reported.
+    /// Saves the newest change that the loop has reported, and the end of a session.
     fn save_changes(&mut self) {
         let mut newest = None;
         while let Ok(note) = self.link.changes.pop() {
             newest = Some(note);
         }
-        let (Some(ChangeReport { order, change, epoch, scan }), Some(current)) =
-            (newest, &self.current)
+        let mut session_over = false;
+        while let Ok((order, step)) = self.link.steps.pop() {
+            if let Some(current) = self.current.as_mut().filter(|current| current.order == order) {
+                current.sessions.take(step);
+                session_over |= matches!(step, SessionStep::Over(..));
+            }
+        }
+        let Some(current) = &mut self.current else { return };
+        let changed = newest.filter(|report| report.order == current.order);
+        current.newest = changed.or(current.newest);
+        let Some(ChangeReport { change, epoch, scan, .. }) =
+            current.newest.filter(|_| changed.is_some() || session_over)
         else {
             return;
         };
-        if order != current.order {
-            return;
-        }
         let (segment, running) = match change {
             Change::Started => (0, true),
             Change::Segment(segment) | Change::Resumed(segment) => (segment, true),
@@ -264,7 +294,9 @@ impl RequestHandler {
             Change::Done => (current.program.segments().saturating_sub(1) as u32, false),
         };
         let client = current.client;
-        let state = current.program.state(self.session, segment, running, epoch, client, scan);
+        let sessions = current.sessions.clone();
+        let begun = current.program.state(self.session, epoch, client);
+        let state = PlayerState { segment, running, scan, sessions, ..begun };
         self.permission_lost = matches!(change, Change::Aborted(_, Reason::PermissionLost));
         self.trouble = match save(&self.file, &state) {
             Ok(()) => match change {

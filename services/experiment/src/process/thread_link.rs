@@ -11,6 +11,7 @@ use rtrb::{Consumer, Producer, RingBuffer};
 
 use crate::player::{Change, Program};
 use crate::scan_tracker::ScanState;
+use crate::session_state::SessionStep;
 
 /// Capacity of the order ring; orders are sent one at a time.
 const ORDER_CAPACITY: usize = 4;
@@ -19,6 +20,8 @@ const ORDER_CAPACITY: usize = 4;
 pub(super) const EVENT_CAPACITY: usize = 64;
 /// Capacity of the ring for changes; segments start at most a few times per second.
 const CHANGE_CAPACITY: usize = 256;
+/// Capacity of the ring for steps of sessions; the bar is updated twice a second.
+const STEP_CAPACITY: usize = 256;
 
 /// An order to the loop.
 #[derive(Debug)]
@@ -181,6 +184,8 @@ impl Dropped {
 pub(super) struct LoopSide {
     pub(super) orders: Consumer<Order>,
     pub(super) changes: Producer<ChangeReport>,
+    /// Steps of sessions, each with the number of the order being played.
+    pub(super) steps: Producer<(u32, SessionStep)>,
     pub(super) events: Consumer<Event>,
     pub(super) progress: Arc<Progress>,
     pub(super) dropped: Dropped,
@@ -191,6 +196,7 @@ pub(super) struct LoopSide {
 pub(super) struct RequestSide {
     pub(super) orders: Producer<Order>,
     pub(super) changes: Consumer<ChangeReport>,
+    pub(super) steps: Consumer<(u32, SessionStep)>,
     /// Events to publish.
     pub(super) events: Producer<Event>,
     pub(super) progress: Arc<Progress>,
@@ -201,19 +207,28 @@ pub(super) struct RequestSide {
 pub(super) fn pair() -> (LoopSide, RequestSide) {
     let (order_in, order_out) = RingBuffer::new(ORDER_CAPACITY);
     let (change_in, change_out) = RingBuffer::new(CHANGE_CAPACITY);
+    let (step_in, step_out) = RingBuffer::new(STEP_CAPACITY);
     let (event_in, event_out) = RingBuffer::new(EVENT_CAPACITY);
     let progress = Arc::new(Progress::default());
     let dropped = Dropped::default();
     let loop_side = LoopSide {
         orders: order_out,
         changes: change_in,
+        steps: step_in,
         events: event_out,
         progress: Arc::clone(&progress),
         dropped: dropped.clone(),
     };
     (
         loop_side,
-        RequestSide { orders: order_in, changes: change_out, events: event_in, progress, dropped },
+        RequestSide {
+            orders: order_in,
+            changes: change_out,
+            steps: step_out,
+            events: event_in,
+            progress,
+            dropped,
+        },
     )
 }
 

@@ -227,6 +227,12 @@ impl Recording {
         };
         self.records(START_RECORD).filter_map(began).min()
     }
+    /// [`Recording::began_ns`] in the time of the messages (ns, CLOCK_MONOTONIC); 0 for files that
+    /// farreach did not write.
+    pub fn began_monotonic_ns(&self) -> u64 {
+        let offset_ns = self.realtime_offset_ns().unwrap_or(0);
+        self.began_ns().and_then(|began| began.checked_add_signed(-offset_ns)).unwrap_or(0)
+    }
     /// Whether it ended cleanly; of several parts in one file, whether each did.
     pub fn ended_cleanly(&self) -> bool {
         let clean = |end: &&BTreeMap<String, String>| {

@@ -50,7 +50,7 @@ pub(super) fn run(arguments: &RunArguments, rig_name: &RigName) -> anyhow::Resul
     // Nothing is drawn where standard error is no terminal.
     let bar = ProgressBar::new(1000).with_style(ProgressStyle::with_template("{bar:40} {msg}")?);
     let mut told = false;
-    let (mut ranges, mut scan) = (Vec::new(), None);
+    let (mut ranges, mut scan, mut sessions) = (Vec::new(), None, None);
     let outcome = crate::run_protocol(&link, &chosen, &stop, &mut |progress| {
         if unrecorded && !told {
             eprintln!("nothing is being recorded (farreach rec start FILE)");
@@ -59,6 +59,7 @@ pub(super) fn run(arguments: &RunArguments, rig_name: &RigName) -> anyhow::Resul
         show(&bar, progress);
         ranges.clone_from(&progress.ranges);
         scan = progress.scan;
+        sessions.clone_from(&progress.sessions);
     });
     bar.finish_and_clear();
     let outcome = outcome?;
@@ -67,6 +68,7 @@ pub(super) fn run(arguments: &RunArguments, rig_name: &RigName) -> anyhow::Resul
         let mut value = serde_json::to_value(&outcome)?;
         value["ranges"] = serde_json::to_value(&ranges)?;
         value["scan"] = serde_json::to_value(scan)?;
+        value["sessions"] = serde_json::to_value(&sessions)?;
         print_json(&value)?;
     } else {
         for range in &ranges {
@@ -74,6 +76,9 @@ pub(super) fn run(arguments: &RunArguments, rig_name: &RigName) -> anyhow::Resul
         }
         if let Some(scan) = &scan {
             writeln!(out, "{scan}")?;
+        }
+        if let Some(sessions) = &sessions {
+            writeln!(out, "{sessions} (`farreach rec sessions` has them)")?;
         }
         tell(&mut out, &outcome)?;
     }
@@ -161,9 +166,11 @@ fn show(bar: &ProgressBar, progress: &Progress) {
     let share = (progress.elapsed_s / progress.duration_s).clamp(0.0, 1.0);
     bar.set_position((share * 1000.0) as u64);
     let scan = progress.scan.map_or_else(String::new, |scan| format!(", {scan}"));
+    let sessions = progress.sessions.as_ref();
+    let sessions = sessions.map_or_else(String::new, |sessions| format!(", {sessions}"));
     let absent = if progress.absent { " (the experiment process is restarting)" } else { "" };
     bar.set_message(format!(
-        "{:.1} of {:.1} s, segment {} of {} {}{scan}{absent}",
+        "{:.1} of {:.1} s, segment {} of {} {}{sessions}{scan}{absent}",
         progress.elapsed_s,
         progress.duration_s,
         progress.segment,

@@ -1,0 +1,19 @@
+//! Where the player is in its protocol, for what follows it.
+
+use super::{Phase, Player};
+
+impl Player {
+    /// The segment that is played, and when it began (ns, CLOCK_MONOTONIC); `None` between
+    /// protocols, and once a protocol ends.
+    pub const fn playing(&self) -> Option<(usize, u64)> {
+        match self.phase {
+            Phase::Playing { segment, begun_ns } => Some((segment, begun_ns)),
+            _ => None,
+        }
+    }
+
+    /// When the last segment ended that ran to its end (ns, CLOCK_MONOTONIC); 0 before the first.
+    pub const fn last_edge_ns(&self) -> u64 {
+        self.last_edge_ns
+    }
+}

@@ -1,0 +1,144 @@
+//! Samples and segments in, the sessions' performance and results out.
+
+use ipc_types::{
+    AXES, BARS, Event, EventKind, PERFORMANCE, Performance, Process, SESSION, Sample,
+    SessionOutcome, SessionResult, Severity,
+};
+use rtrb::Producer;
+use runtime::{Losses, PortError, Publisher, Service};
+
+use super::thread_link::Dropped;
+use crate::matching_bar::Effort;
+use crate::player::{Change, Player};
+use crate::session_state::{SessionState, SessionStep};
+use crate::session_tracker::{SessionReport, SessionTracker};
+
+/// Most reports that are published in a cycle, so that no subscriber's buffer runs over; the others
+/// wait for the next.
+const REPORTS_A_CYCLE: usize = 16;
+
+/// The sessions, and their ports.
+#[derive(Debug)]
+pub(super) struct SessionPorts {
+    tracker: SessionTracker,
+    performance: Publisher<Performance>,
+    results: Publisher<SessionResult>,
+}
+
+impl SessionPorts {
+    pub(super) fn open(service: &mut Service) -> Result<Self, PortError> {
+        let performance = service.publisher(PERFORMANCE)?;
+        let results = service.publisher(SESSION)?;
+        Ok(Self { tracker: SessionTracker::default(), performance, results })
+    }
+
+    /// Goes on with the sessions of a protocol that is resumed.
+    pub(super) fn resume(&mut self, player: &Player, state: &SessionState) {
+        if let Some(program) = player.program() {
+            self.tracker.begin(program.sessions(), Some(state));
+        }
+    }
+
+    /// Takes a sample.
+    pub(super) fn see(&mut self, sample: &Sample) {
+        if self.tracker.is_used()
+            && let Some(effort) = effort(sample)
+        {
+            self.tracker.see(effort);
+        }
+    }
+
+    /// Takes a change of the player's state, after the step that made it at `now_ns`.
+    pub(super) fn follow(&mut self, change: Change, player: &Player, now_ns: u64) {
+        let Some(program) = player.program() else { return };
+        if change == Change::Started {
+            self.tracker.begin(program.sessions(), None);
+        }
+        let next =
+            player.playing().and_then(|(segment, begun_ns)| program.played(segment, begun_ns));
+        let begun_ns = next.map_or(now_ns, |next| next.begun_ns);
+        let (at_ns, outcome) = match change {
+            Change::Started | Change::Segment(_) => (begun_ns, SessionOutcome::Whole),
+            Change::Resumed(_) => (begun_ns, SessionOutcome::Interrupted),
+            Change::Done => (player.last_edge_ns(), SessionOutcome::Whole),
+            Change::Stopped(_) | Change::Aborted(..) => (now_ns, SessionOutcome::Stopped),
+        };
+        self.tracker.pass_edge(at_ns, outcome, next);
+    }
+
+    /// Counts the samples up to `now_ns`, publishes what is new, and hands on what a restart needs,
+    /// with the number of the `order` being played.
+    pub(super) fn publish(
+        &mut self,
+        now_ns: u64,
+        order: u32,
+        segment: u32,
+        steps: &mut Producer<(u32, SessionStep)>,
+        dropped: &Dropped,
+        service: &mut Service,
+    ) -> Result<(), PortError> {
+        self.tracker.advance(now_ns);
+        let mut event = |kind, severity, text: &str, (a, b, c): (f64, f64, f64)| {
+            let event = Event::new(Process::Experiment, kind, severity, text);
+            service.publish(Event { a, b, c, segment, ..event })
+        };
+        for _ in 0..REPORTS_A_CYCLE {
+            match self.tracker.take_report() {
+                None => break,
+                Some(SessionReport::Performance(performance)) => {
+                    self.performance.send(performance)?;
+                }
+                Some(SessionReport::Started(number)) => {
+                    let values = (f64::from(number), f64::from(self.tracker.sessions()), 0.0);
+                    event(EventKind::SessionStarted, Severity::Info, "", values)?;
+                }
+                Some(SessionReport::Ended(result)) => {
+                    self.results.send(result)?;
+                    let outcome = SessionOutcome::from_code(result.outcome);
+                    let outcome = outcome.unwrap_or(SessionOutcome::Stopped);
+                    let severity = match (outcome, result.samples_missed) {
+                        (SessionOutcome::Whole, 0) => Severity::Info,
+                        _ => Severity::Warning,
+                    };
+                    let values = (f64::from(result.number), result.value[0], result.value[1]);
+                    event(EventKind::SessionOver, severity, outcome.text(), values)?;
+                }
+                Some(SessionReport::Step(step)) => {
+                    // The ring is full only if the request thread has hung for minutes; then a
+                    // restart would resume with an earlier target.
+                    if steps.push((order, step)).is_err() {
+                        dropped.count();
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Keeps the lists of subscribers current: there may be no session for hours.
+    pub(super) fn refresh(&self) {
+        self.performance.refresh();
+        self.results.refresh();
+    }
+
+    pub(super) fn losses(&self, losses: Losses) -> Losses {
+        let sent = losses.sent(self.performance.undelivered()).sent(self.results.undelivered());
+        Losses { dropped: sent.dropped + self.tracker.dropped(), ..sent }
+    }
+}
+
+/// The effort in a sample; `None` where a torque is not finite, and the sample counts as missing.
+fn effort(sample: &Sample) -> Option<Effort> {
+    let mut torque = [0.0; AXES];
+    for (axis, torque) in torque.iter_mut().enumerate() {
+        if sample.torque_present & 1 << axis != 0 {
+            *torque = sample.slave_torque[axis];
+        }
+    }
+    torque.iter().all(|torque| torque.is_finite()).then_some(Effort {
+        at_ns: sample.scan_time_ns,
+        tick: sample.tick,
+        torque,
+        activity: [0.0; BARS],
+    })
+}

@@ -1,0 +1,84 @@
+//! What passes from session to session: the target, and the values that a rest repeats.
+
+use ipc_types::BARS;
+use serde::{Deserialize, Serialize};
+
+use crate::matching_bar::height;
+
+/// Most updates of the bar that are kept of a session; the longest session has as many.
+pub const UPDATES: usize = 1200;
+
+/// The sessions of a protocol so far; kept on disk for a restart.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct SessionState {
+    /// Number of the last session that ran to its end; 0 before.
+    pub over: u32,
+    /// What the next session has to match; 0 where there is no target.
+    pub target: [f64; BARS],
+    /// What the last session had to match, or, for the first, its own mean.
+    pub repeated_target: [f64; BARS],
+    /// The values of the bar in the session that runs or ran last.
+    pub values: Vec<[f64; BARS]>,
+}
+
+/// A step of a session.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum SessionStep {
+    /// A session begins.
+    Begun,
+    /// The bar was updated.
+    Update([f64; BARS]),
+    /// The session of that number is over, with the value that the next has to match.
+    Over(u32, [f64; BARS]),
+}
+
+impl SessionState {
+    /// No session yet, with memory for the values of one.
+    pub fn with_capacity() -> Self {
+        Self { values: Vec::with_capacity(UPDATES), ..Self::default() }
+    }
+
+    /// Takes over the contents of another without giving up its own memory.
+    pub fn copy_from(&mut self, other: &Self) {
+        let mut values = std::mem::take(&mut self.values);
+        values.clear();
+        values.extend(other.values.iter().take(UPDATES));
+        *self = Self {
+            values,
+            over: other.over,
+            target: other.target,
+            repeated_target: other.repeated_target,
+        };
+    }
+
+    /// Carries out a step. Within [`SessionState::with_capacity`] it does not allocate.
+    pub fn take(&mut self, step: SessionStep) {
+        match step {
+            SessionStep::Begun => self.values.clear(),
+            SessionStep::Update(values) if self.values.len() < UPDATES => self.values.push(values),
+            SessionStep::Update(_) => {}
+            SessionStep::Over(number, mean) => {
+                self.repeated_target = if self.has_target() { self.target } else { mean };
+                self.target = mean;
+                self.over = number;
+            }
+        }
+    }
+
+    /// Whether the next session has something to match: it is not the first.
+    pub const fn has_target(&self) -> bool {
+        self.over > 0
+    }
+
+    /// The values at an update of a rest, from 0, with the heights of the bars; `None` once the
+    /// rest has shown all.
+    pub fn repeated(&self, update: usize) -> Option<([f64; BARS], [f64; BARS])> {
+        let values = *self.values.get(update)?;
+        let mut heights = [0.0; BARS];
+        for ((height_of, value), target) in heights.iter_mut().zip(values).zip(self.repeated_target)
+        {
+            *height_of = height(value, target);
+        }
+        Some((values, heights))
+    }
+}

@@ -1,0 +1,380 @@
+//! Follows the sessions of a protocol: sums of effort, the subject's bar, and the target that
+//! passes from each session to the next.
+//!
+//! What it reports depends on the samples and on the times of the segments alone, not on when it is
+//! called: each sample counts in the segment in which the card took it.
+
+use std::collections::VecDeque;
+
+use ipc_types::{BARS, Light, Performance, SessionOutcome, SessionResult};
+
+use crate::matching_bar::{BarValues, Effort, Matched, Sums, height};
+use crate::session_state::{SessionState, SessionStep};
+
+/// Time between two reports of a segment's performance (ns).
+pub const REPORT_NS: u64 = 20_000_000;
+/// Samples that wait to be counted: 2 s of them.
+const WAITING: usize = 4096;
+/// Segments' ends that wait for the first sample after them.
+const EDGES: usize = 16;
+/// Reports that wait to be published, and the most that one step makes.
+const REPORTS: usize = 256;
+const REPORTS_A_STEP: usize = 64;
+/// Most instants of one segment that are made up for after a gap in the samples. A longer gap than
+/// these 320 ms starts the segment again.
+const MADE_UP: u64 = 16;
+/// A segment's end is believed without a sample after it once it is so long ago (ns).
+const GRACE_NS: u64 = 100_000_000;
+
+/// The sessions of a protocol.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct SessionPlan {
+    /// How many there are.
+    pub sessions: u32,
+    /// What they match; `None`: there is no bar.
+    pub matched: Option<Matched>,
+}
+
+/// A segment that is played.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PlayedSegment {
+    /// Its index.
+    pub segment: u32,
+    /// When it began (ns, CLOCK_MONOTONIC).
+    pub begun_ns: u64,
+    /// Planned duration (s).
+    pub planned_s: f64,
+    /// Number of the session that it is, from 1.
+    pub session: Option<u32>,
+    /// Whether it is a rest.
+    pub rest: bool,
+}
+
+/// What is to be published, or kept for a restart.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum SessionReport {
+    /// The sums and the bar.
+    Performance(Performance),
+    /// The session of that number begins.
+    Started(u32),
+    /// A session has ended.
+    Ended(SessionResult),
+    /// A step for [`SessionState::take`].
+    Step(SessionStep),
+}
+
+/// The end of a segment.
+#[derive(Clone, Copy, Debug)]
+struct Edge {
+    at_ns: u64,
+    outcome: SessionOutcome,
+    next: Option<PlayedSegment>,
+}
+
+/// What the subject sees between two updates.
+#[derive(Clone, Copy, Debug, Default)]
+struct Shown {
+    update: u32,
+    value: [f64; BARS],
+    target: [f64; BARS],
+    height: [f64; BARS],
+    visible: bool,
+    replay: bool,
+}
+
+/// Follows the sessions of one protocol at a time.
+#[derive(Clone, Debug)]
+pub struct SessionTracker {
+    plan: SessionPlan,
+    state: SessionState,
+    playing: Option<PlayedSegment>,
+    /// Instants reported of the segment.
+    reported: u64,
+    sums: Sums,
+    bar: Option<BarValues>,
+    shown: Shown,
+    /// Number of the session that runs or ran last.
+    number: u32,
+    last_tick: Option<u64>,
+    waiting: VecDeque<Effort>,
+    edges: VecDeque<Edge>,
+    reports: VecDeque<SessionReport>,
+    dropped: u64,
+}
+
+impl Default for SessionTracker {
+    /// Of a protocol without sessions.
+    fn default() -> Self {
+        Self {
+            plan: SessionPlan::default(),
+            state: SessionState::with_capacity(),
+            playing: None,
+            reported: 0,
+            sums: Sums::default(),
+            bar: None,
+            shown: Shown::default(),
+            number: 0,
+            last_tick: None,
+            waiting: VecDeque::with_capacity(WAITING),
+            edges: VecDeque::with_capacity(EDGES),
+            reports: VecDeque::with_capacity(REPORTS),
+            dropped: 0,
+        }
+    }
+}
+
+impl SessionTracker {
+    /// Forgets the protocol before; `state` is that of a protocol that is resumed.
+    pub fn begin(&mut self, plan: SessionPlan, state: Option<&SessionState>) {
+        self.plan = plan;
+        match state {
+            Some(state) => self.state.copy_from(state),
+            None => self.state.copy_from(&SessionState::default()),
+        }
+        self.number = self.state.over;
+        self.playing = None;
+        self.shown = Shown::default();
+        self.sums = Sums::default();
+        self.edges.clear();
+        self.waiting.clear();
+    }
+
+    /// Whether the protocol has sessions; otherwise nothing is counted.
+    pub const fn is_used(&self) -> bool {
+        self.plan.sessions > 0
+    }
+
+    /// How many sessions the protocol has.
+    pub const fn sessions(&self) -> u32 {
+        self.plan.sessions
+    }
+
+    /// The sessions so far.
+    pub const fn state(&self) -> &SessionState {
+        &self.state
+    }
+
+    /// Reports and samples that were lost, as there was no room for them.
+    pub const fn dropped(&self) -> u64 {
+        self.dropped
+    }
+
+    /// Takes a sample; it is counted by [`SessionTracker::advance`].
+    pub fn see(&mut self, effort: Effort) {
+        if !self.is_used() || (self.playing.is_none() && self.edges.is_empty()) {
+            return;
+        }
+        if self.waiting.len() == WAITING {
+            // The newest is left out, so that those that wait stay in order; the gap counts as
+            // missing samples of the session.
+            self.dropped += 1;
+            return;
+        }
+        self.waiting.push_back(effort);
+    }
+
+    /// Takes the end of a segment at `at_ns`, and the segment that follows it, if any.
+    pub fn pass_edge(&mut self, at_ns: u64, outcome: SessionOutcome, next: Option<PlayedSegment>) {
+        if !self.is_used() {
+            return;
+        }
+        if self.edges.len() == EDGES {
+            self.dropped += 1;
+            return;
+        }
+        self.edges.push_back(Edge { at_ns, outcome, next });
+    }
+
+    /// Counts the samples up to `now_ns` (CLOCK_MONOTONIC). Every segment's end up to then must
+    /// have been taken.
+    pub fn advance(&mut self, now_ns: u64) {
+        while self.reports.len() + REPORTS_A_STEP <= REPORTS {
+            let effort = self.waiting.front().copied();
+            let edge = self.edges.front().copied().filter(|edge| match effort {
+                Some(effort) => effort.at_ns >= edge.at_ns,
+                None => edge.at_ns + GRACE_NS <= now_ns,
+            });
+            if let Some(edge) = edge {
+                self.edges.pop_front();
+                self.turn(&edge);
+            } else if let Some(effort) = effort.filter(|effort| effort.at_ns <= now_ns) {
+                self.waiting.pop_front();
+                self.count(&effort);
+            } else {
+                break;
+            }
+        }
+    }
+
+    /// Takes the oldest report.
+    pub fn take_report(&mut self) -> Option<SessionReport> {
+        self.reports.pop_front()
+    }
+
+    fn report(&mut self, report: SessionReport) {
+        if self.reports.len() == REPORTS {
+            self.dropped += 1;
+            return;
+        }
+        self.reports.push_back(report);
+    }
+
+    fn step(&mut self, step: SessionStep) {
+        self.state.take(step);
+        self.report(SessionReport::Step(step));
+    }
+
+    fn count(&mut self, effort: &Effort) {
+        let Some(playing) = self.playing.filter(|playing| effort.at_ns >= playing.begun_ns) else {
+            self.last_tick = Some(effort.tick);
+            return;
+        };
+        self.report_until(&playing, effort.at_ns);
+        if playing.session.is_some() {
+            let before = self.last_tick.unwrap_or(effort.tick.saturating_sub(1));
+            self.sums.missed += effort.tick.saturating_sub(before + 1);
+            self.sums.add(effort);
+        }
+        self.last_tick = Some(effort.tick);
+    }
+
+    /// Ends the segment, and begins the next.
+    fn turn(&mut self, edge: &Edge) {
+        if let Some(playing) = self.playing {
+            if edge.outcome == SessionOutcome::Whole {
+                self.report_until(&playing, edge.at_ns);
+            }
+            if let Some(number) = playing.session {
+                self.end_session(&playing, number, edge);
+            }
+        }
+        let before = std::mem::replace(&mut self.playing, edge.next);
+        self.reported = 0;
+        let Some(next) = edge.next else {
+            // No further sample belongs to the protocol, and the bar vanishes.
+            self.waiting.clear();
+            self.shown = Shown::default();
+            if let Some(playing) = before {
+                let over = PlayedSegment { session: None, ..playing };
+                let report = self.performance(&over, edge.at_ns);
+                self.report(SessionReport::Performance(report));
+            }
+            return;
+        };
+        if let Some(number) = next.session {
+            self.sums = Sums::default();
+            self.bar = self.plan.matched.map(BarValues::new);
+            self.number = number;
+            self.shown = Shown {
+                target: self.state.target,
+                visible: self.plan.matched.is_some() && self.state.has_target(),
+                ..Shown::default()
+            };
+            self.report(SessionReport::Started(number));
+            self.step(SessionStep::Begun);
+        } else if next.rest {
+            self.shown = Shown::default();
+        }
+    }
+
+    fn end_session(&mut self, playing: &PlayedSegment, number: u32, edge: &Edge) {
+        let mean = self.plan.matched.map_or([0.0; BARS], |matched| matched.mean(&self.sums));
+        self.report(SessionReport::Ended(SessionResult {
+            begun_ns: playing.begun_ns,
+            ended_ns: edge.at_ns,
+            planned_s: playing.planned_s,
+            torque_sum: self.sums.torque,
+            emg_sum: self.sums.activity,
+            samples: self.sums.samples,
+            samples_missed: self.sums.missed,
+            value: mean,
+            target: self.state.target,
+            segment: playing.segment,
+            number,
+            sessions: self.plan.sessions,
+            outcome: edge.outcome.code(),
+            bars: self.plan.matched.map_or(0, |matched| matched.bars() as u8),
+            ..SessionResult::default()
+        }));
+        if edge.outcome == SessionOutcome::Whole {
+            self.step(SessionStep::Over(number, mean));
+        }
+    }
+
+    /// Reports every instant of the segment's grid up to a time.
+    fn report_until(&mut self, playing: &PlayedSegment, until_ns: u64) {
+        // The first instant is one period after the beginning, but for a rest, which shows its bar
+        // from the beginning on.
+        let due = until_ns.saturating_sub(playing.begun_ns) / REPORT_NS;
+        let first = if playing.rest { 0 } else { 1 };
+        let from = (first + self.reported).max((due + 1).saturating_sub(MADE_UP));
+        for instant in from..=due {
+            self.update_bar(playing, instant);
+            let report = self.performance(playing, playing.begun_ns + instant * REPORT_NS);
+            self.report(SessionReport::Performance(report));
+            self.reported = instant + 1 - first;
+        }
+    }
+
+    /// Updates the bar where one is due at the `instant` of the segment's grid.
+    fn update_bar(&mut self, playing: &PlayedSegment, instant: u64) {
+        let Some(matched) = self.plan.matched else { return };
+        let instants = matched.period_ns() / REPORT_NS;
+        if !instant.is_multiple_of(instants) {
+            return;
+        }
+        let update = instant / instants;
+        if playing.session.is_some() {
+            let Some(value) = self.bar.as_mut().map(|bar| bar.update(&self.sums)) else { return };
+            self.step(SessionStep::Update(value));
+            self.shown.update = update as u32;
+            self.shown.value = value;
+            if self.shown.visible {
+                for (shown, (value, target)) in
+                    self.shown.height.iter_mut().zip(value.into_iter().zip(self.shown.target))
+                {
+                    *shown = height(value, target);
+                }
+            }
+        } else if playing.rest && self.state.has_target() {
+            self.shown = match self.state.repeated(update as usize) {
+                Some((value, height)) => Shown {
+                    update: update as u32 + 1,
+                    value,
+                    target: self.state.repeated_target,
+                    height,
+                    visible: true,
+                    replay: true,
+                },
+                None => Shown::default(),
+            };
+        }
+    }
+
+    fn performance(&self, playing: &PlayedSegment, at_ns: u64) -> Performance {
+        let light = if playing.session.is_some() { Light::Green } else { Light::Red };
+        let bars = self.plan.matched.map_or(0, Matched::bars);
+        let mut height = [0.0; BARS];
+        height[..bars].copy_from_slice(&self.shown.height[..bars]);
+        Performance {
+            at_ns,
+            begun_ns: playing.begun_ns,
+            planned_s: playing.planned_s,
+            torque_sum: self.sums.torque,
+            emg_sum: self.sums.activity,
+            samples: self.sums.samples,
+            samples_missed: self.sums.missed,
+            value: self.shown.value,
+            target: self.shown.target,
+            height,
+            segment: playing.segment,
+            number: self.number,
+            sessions: self.plan.sessions,
+            update: self.shown.update,
+            bars: if self.shown.visible { bars as u8 } else { 0 },
+            light: light.code(),
+            replay: u8::from(self.shown.replay),
+            ..Performance::default()
+        }
+    }
+}

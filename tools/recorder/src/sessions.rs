@@ -1,0 +1,357 @@
+//! `sessions`: the sessions of an experiment.
+
+use std::io::Write;
+use std::path::Path;
+
+use anyhow::bail;
+use ipc_types::{
+    AXES, COMMAND, Event, EventKind, Mode, MotorCommand, Process, SAMPLE, SESSION, Sample,
+    SessionOutcome, SessionResult, event_topic,
+};
+use recording::mcap_read::{ReadError, Recording};
+use serde::Serialize;
+
+use crate::inspect::grouped;
+use crate::output::write_new;
+use crate::{DATA_LOST, DONE};
+
+/// Sums that differ by more than this from those over the recorded samples are told, as a share.
+const ROUNDING: f64 = 1e-9;
+
+/// A session that has ended.
+#[derive(Serialize)]
+struct Session {
+    /// Its number in its protocol, from 1.
+    number: u32,
+    /// How many the protocol has.
+    of: u32,
+    /// Name of its segment.
+    label: String,
+    outcome: &'static str,
+    /// When it began, since the recording began (s).
+    t_s: f64,
+    duration_s: f64,
+    planned_s: f64,
+    samples: u64,
+    samples_missed: u64,
+    /// Mean magnitude of the hand's torque on each axis (N·m or N).
+    mean_torque: Vec<f64>,
+    /// What the next session has to match; `null` where they match nothing.
+    value: Option<Vec<f64>>,
+    /// What it had to match itself; `null` for the first.
+    target: Option<Vec<f64>>,
+    /// Root mean square of the master's distance from its reference, per axis (rad or m); `null`
+    /// where the hand moved freely, or nothing of it was recorded.
+    tracking_error: Option<Vec<f64>>,
+    /// Largest difference of its sums from those over the recorded samples, as a share of the
+    /// larger; `null` where no samples were recorded.
+    sums_differ_by: Option<f64>,
+}
+
+/// A session while the recording is read.
+struct Reading {
+    result: SessionResult,
+    label: String,
+    /// References of the master, with the ticks of their samples.
+    references: Vec<(u64, [f64; AXES])>,
+    matched: usize,
+    errors: [f64; AXES],
+    axes: usize,
+    samples: u64,
+    torque_sum: [f64; AXES],
+}
+
+pub(crate) fn sessions(
+    file: &Path,
+    table: Option<&Path>,
+    json: bool,
+    out: &mut dyn Write,
+) -> anyhow::Result<i32> {
+    let recording = Recording::open(file)?;
+    let mut readings = ended(&recording)?;
+    if readings.is_empty() {
+        bail!(
+            "{}: no session has ended in it; `[matching]` and segments with `session = true` make \
+             sessions",
+            file.display()
+        );
+    }
+    add_labels(&recording, &mut readings)?;
+    add_references(&recording, &mut readings)?;
+    add_samples(&recording, &mut readings)?;
+    let began_ns = recording.began_monotonic_ns();
+    let sessions: Vec<Session> = readings.iter().map(|reading| reading.session(began_ns)).collect();
+    if let Some(path) = table {
+        write_new(path, as_csv(&sessions)?)?;
+    }
+    let incomplete = |session: &Session| {
+        session.samples_missed > 0 || session.outcome != SessionOutcome::Whole.text()
+    };
+    let code = if sessions.iter().any(incomplete) { DATA_LOST } else { DONE };
+    if json {
+        writeln!(out, "{}", serde_json::to_string_pretty(&sessions)?)?;
+        return Ok(code);
+    }
+    tell(file, &sessions, out)?;
+    Ok(code)
+}
+
+/// The messages of a topic; none where it was not recorded.
+fn messages_of<T: ipc_types::Message>(
+    recording: &Recording,
+    topic: &str,
+) -> anyhow::Result<Vec<T>> {
+    let messages = match recording.messages::<T>(topic) {
+        Err(ReadError::NoTopic { .. }) => return Ok(Vec::new()),
+        messages => messages?,
+    };
+    messages.map(|message| Ok(message?.message)).collect()
+}
+
+/// The results of sessions, in the order of their beginnings.
+fn ended(recording: &Recording) -> anyhow::Result<Vec<Reading>> {
+    let mut results: Vec<SessionResult> = messages_of(recording, SESSION.topic.name)?;
+    results.sort_by_key(|result| result.begun_ns);
+    results.dedup_by_key(|result| (result.incarnation, result.sequence));
+    let reading = |result| Reading {
+        result,
+        label: String::new(),
+        references: Vec::new(),
+        matched: 0,
+        errors: [0.0; AXES],
+        axes: 0,
+        samples: 0,
+        torque_sum: [0.0; AXES],
+    };
+    Ok(results.into_iter().map(reading).collect())
+}
+
+/// The session in which an instant lies (ns, CLOCK_MONOTONIC).
+fn at(readings: &mut [Reading], at_ns: u64) -> Option<&mut Reading> {
+    let after = readings.partition_point(|reading| reading.result.begun_ns <= at_ns);
+    readings[..after].last_mut().filter(|reading| at_ns < reading.result.ended_ns)
+}
+
+/// Adds the names of the segments.
+fn add_labels(recording: &Recording, readings: &mut [Reading]) -> anyhow::Result<()> {
+    let Some(topic) = event_topic(Process::Experiment) else { return Ok(()) };
+    let mut events: Vec<Event> = messages_of(recording, topic.topic.name)?;
+    events.retain(|event| {
+        let kind = EventKind::from_code(event.kind);
+        matches!(kind, Some(EventKind::SegmentStarted | EventKind::ProtocolResumed))
+    });
+    for reading in readings {
+        let result = &reading.result;
+        let names = events
+            .iter()
+            .filter(|event| event.segment == result.segment && event.time_ns < result.ended_ns);
+        let newest = names.max_by_key(|event| event.time_ns);
+        reading.label = newest.map_or_else(String::new, |event| event.text().to_owned());
+    }
+    Ok(())
+}
+
+/// Adds the references that position control followed.
+fn add_references(recording: &Recording, readings: &mut [Reading]) -> anyhow::Result<()> {
+    let messages = match recording.messages::<MotorCommand>(COMMAND.topic.name) {
+        Err(ReadError::NoTopic { .. }) => return Ok(()),
+        messages => messages?,
+    };
+    for message in messages {
+        let command = message?.message;
+        let followed = Mode::from_code(command.mode).is_some_and(Mode::moves);
+        if followed && let Some(reading) = at(readings, command.sample_time_ns) {
+            reading.references.push((command.sample_tick, command.reference_position));
+        }
+    }
+    for reading in readings {
+        reading.references.sort_by_key(|(tick, _)| *tick);
+        reading.references.dedup_by_key(|(tick, _)| *tick);
+    }
+    Ok(())
+}
+
+/// Adds the samples: sums of the torque again, and errors against the references.
+fn add_samples(recording: &Recording, readings: &mut [Reading]) -> anyhow::Result<()> {
+    let messages = match recording.messages::<Sample>(SAMPLE.topic.name) {
+        Err(ReadError::NoTopic { .. }) => return Ok(()),
+        messages => messages?,
+    };
+    let mut last_tick = None;
+    for message in messages {
+        let sample = message?.message;
+        // A merged recording may hold a sample twice.
+        if last_tick.is_some_and(|last| sample.tick <= last) {
+            continue;
+        }
+        last_tick = Some(sample.tick);
+        let Some(reading) = at(readings, sample.scan_time_ns) else { continue };
+        reading.axes = usize::from(sample.axes).min(AXES);
+        let present = |axis: &usize| sample.torque_present & 1 << axis != 0;
+        let torque = |axis: usize| Some(axis).filter(present).map(|axis| sample.slave_torque[axis]);
+        if (0..AXES).filter_map(torque).all(f64::is_finite) {
+            reading.samples += 1;
+            for (axis, sum) in reading.torque_sum.iter_mut().enumerate() {
+                *sum += torque(axis).unwrap_or(0.0).abs();
+            }
+        }
+        let found = reading.references.binary_search_by_key(&sample.tick, |(tick, _)| *tick);
+        if let Ok(found) = found {
+            let (_, reference) = reading.references[found];
+            reading.matched += 1;
+            for (axis, error) in reading.errors.iter_mut().enumerate() {
+                *error += (sample.master_position[axis] - reference[axis]).powi(2);
+            }
+        }
+    }
+    Ok(())
+}
+
+impl Reading {
+    fn session(&self, began_ns: u64) -> Session {
+        let result = &self.result;
+        let axes = if self.axes > 0 { self.axes } else { 1 };
+        let bars = usize::from(result.bars).min(result.value.len());
+        let mean = |sum: f64| if result.samples > 0 { sum / result.samples as f64 } else { 0.0 };
+        let rms = |sum: f64| (sum / self.matched as f64).sqrt();
+        Session {
+            number: result.number,
+            of: result.sessions,
+            label: self.label.clone(),
+            outcome: SessionOutcome::from_code(result.outcome).map_or("unknown", |o| o.text()),
+            t_s: (result.begun_ns as f64 - began_ns as f64) * 1e-9,
+            duration_s: result.ended_ns.saturating_sub(result.begun_ns) as f64 * 1e-9,
+            planned_s: result.planned_s,
+            samples: result.samples,
+            samples_missed: result.samples_missed,
+            mean_torque: result.torque_sum[..axes].iter().map(|sum| mean(*sum)).collect(),
+            value: (bars > 0).then(|| result.value[..bars].to_vec()),
+            target: (bars > 0 && result.number > 1).then(|| result.target[..bars].to_vec()),
+            tracking_error: (self.matched > 0)
+                .then(|| self.errors[..axes].iter().map(|sum| rms(*sum)).collect()),
+            sums_differ_by: (self.samples > 0).then(|| self.difference()),
+        }
+    }
+
+    /// Largest difference of the sums and the number of samples, as a share of the larger.
+    fn difference(&self) -> f64 {
+        let pairs = self.torque_sum.iter().zip(&self.result.torque_sum);
+        let samples = (self.samples as f64, self.result.samples as f64);
+        pairs.map(|(again, told)| (*again, *told)).chain([samples]).fold(
+            0.0,
+            |largest: f64, (again, told)| {
+                let scale = again.abs().max(told.abs());
+                if scale > 0.0 { largest.max((again - told).abs() / scale) } else { largest }
+            },
+        )
+    }
+}
+
+/// Numbers with four decimals, apart.
+fn numbers(values: &[f64]) -> String {
+    values.iter().map(|value| format!("{value:.4}")).collect::<Vec<_>>().join(" ")
+}
+
+fn tell(file: &Path, sessions: &[Session], out: &mut dyn Write) -> anyhow::Result<()> {
+    let whole = SessionOutcome::Whole.text();
+    let complete = sessions.iter().filter(|session| session.outcome == whole).count();
+    writeln!(out, "{}: {complete} whole sessions of {}", file.display(), sessions.len())?;
+    writeln!(
+        out,
+        "  {:>7} {:>9} {:>9} {:>14} {:>14} {:>14} {:>9}  segment",
+        "session", "begins s", "takes s", "mean torque", "to match", "value", "of it %"
+    )?;
+    for session in sessions {
+        let of = |values: &Option<Vec<f64>>| values.as_deref().map_or("-".to_owned(), numbers);
+        let share = match (&session.value, &session.target) {
+            (Some(value), Some(target)) => {
+                let share = |(value, target): (&f64, &f64)| match *target > 0.0 {
+                    true => format!("{:.0}", 100.0 * value / target),
+                    false => "-".to_owned(),
+                };
+                value.iter().zip(target).map(share).collect::<Vec<_>>().join(" ")
+            }
+            _ => "-".to_owned(),
+        };
+        writeln!(
+            out,
+            "  {:>7} {:>9.3} {:>9.3} {:>14} {:>14} {:>14} {:>9}  {}",
+            session.number,
+            session.t_s,
+            session.duration_s,
+            numbers(&session.mean_torque),
+            of(&session.target),
+            of(&session.value),
+            share,
+            session.label
+        )?;
+        for note in notes(session) {
+            writeln!(out, "          {note}")?;
+        }
+    }
+    Ok(())
+}
+
+/// What is to be said of a session beside its row.
+fn notes(session: &Session) -> Vec<String> {
+    let mut notes = Vec::new();
+    if let Some(error) = &session.tracking_error {
+        notes.push(format!("{} rms from the reference (rad or m)", numbers(error)));
+    }
+    if session.outcome != SessionOutcome::Whole.text() {
+        let planned = session.planned_s;
+        notes.push(format!("{}: planned were {planned:.3} s", session.outcome.to_uppercase()));
+    }
+    if session.samples_missed > 0 {
+        let all = session.samples + session.samples_missed;
+        notes.push(format!("{} of {} samples MISSING", session.samples_missed, grouped(all)));
+    }
+    if let Some(share) = session.sums_differ_by.filter(|share| *share > ROUNDING) {
+        notes.push(format!(
+            "its sums DIFFER from those of the recorded samples by {:.2} %: were some lost?",
+            100.0 * share
+        ));
+    }
+    notes
+}
+
+/// The table as CSV; the values of several axes or muscle groups have a column each.
+fn as_csv(sessions: &[Session]) -> anyhow::Result<Vec<u8>> {
+    let mut table = csv::Writer::from_writer(Vec::new());
+    let axes = sessions.iter().map(|session| session.mean_torque.len()).max().unwrap_or(1);
+    let bars = sessions.iter().filter_map(|session| session.value.as_ref());
+    let bars = bars.map(Vec::len).max().unwrap_or(0);
+    let columns =
+        |name: &str, count: usize| (0..count).map(|at| format!("{name}_{at}")).collect::<Vec<_>>();
+    let mut header: Vec<String> =
+        ["session", "of", "segment", "outcome", "t_s", "duration_s", "samples", "samples_missed"]
+            .map(str::to_owned)
+            .into();
+    header.extend(columns("mean_torque", axes));
+    header.extend(columns("target", bars));
+    header.extend(columns("value", bars));
+    header.extend(columns("tracking_error_rms", axes));
+    table.write_record(&header)?;
+    for session in sessions {
+        let mut row = vec![
+            session.number.to_string(),
+            session.of.to_string(),
+            session.label.clone(),
+            session.outcome.to_owned(),
+            format!("{:.9}", session.t_s),
+            format!("{:.9}", session.duration_s),
+            session.samples.to_string(),
+            session.samples_missed.to_string(),
+        ];
+        let mut put = |values: Option<&Vec<f64>>, count: usize| {
+            let value = |at: usize| values.and_then(|values| values.get(at));
+            row.extend((0..count).map(|at| value(at).map_or_else(String::new, f64::to_string)));
+        };
+        put(Some(&session.mean_torque), axes);
+        put(session.target.as_ref(), bars);
+        put(session.value.as_ref(), bars);
+        put(session.tracking_error.as_ref(), axes);
+        table.write_record(&row)?;
+    }
+    Ok(table.into_inner()?)
+}
