@@ -4,11 +4,13 @@
 
 mod common;
 
+use emg::MuscleActivity;
 use ipc_types::{
     Event, EventKind, Light, PERFORMANCE, Performance, Process, SAMPLE, SESSION, Sample,
     SessionOutcome, SessionResult, event_topic,
 };
 use recording::mcap_read::Recording;
+use rig::RigFile;
 use serde_json::Value;
 
 use common::TestRig;
@@ -95,6 +97,64 @@ fn sessions_targets_and_bars_are_those_of_the_samples_though_the_process_is_kill
     assert_eq!(newest["value"][0].as_f64().unwrap(), second.value[0]);
     assert!(newest["sums_differ_by"].as_f64().unwrap() <= 1e-9, "{newest}");
     assert!(newest["tracking_error"][0].as_f64().unwrap() > 0.0, "{newest}");
+}
+
+#[test]
+fn the_bars_of_an_emg_experiment_are_the_activity_of_the_recorded_electrodes() {
+    let rig = TestRig::patient("emg-sessions");
+    let rig_file = rig.absolute_rig("hydrostatic");
+    let file = rig.path("emg.mcap");
+    let file_text = file.to_str().unwrap();
+    rig.ok(["up", "--simulate", "--rig", &rig_file, "--record", file_text]);
+    let arguments = [
+        "emg-matching",
+        "--set=matching.sets=1",
+        "--set=matching.session_s=5",
+        "--set=matching.rest_s=10",
+        "--emulate-scanner=1",
+    ];
+    play_with_kills(&rig, &arguments, &[]);
+    rig.ok(["rec", "stop"]);
+    rig.down();
+
+    let recording = Recording::open(&file).unwrap();
+    let samples: Vec<Sample> = messages(&recording, SAMPLE.topic.name);
+    let results: Vec<SessionResult> = messages(&recording, SESSION.topic.name);
+    let shown: Vec<Performance> = messages(&recording, PERFORMANCE.topic.name);
+    let rig_file = RigFile::load(&rig_file).unwrap();
+    let (electrodes, rate_hz) = (rig_file.electrodes(), f64::from(rig_file.rates.acquisition_hz));
+    let mut muscles = MuscleActivity::new(&electrodes, &rig_file.emg, rate_hz).unwrap();
+    let activity: Vec<[f64; 2]> =
+        samples.iter().map(|sample| muscles.update(&sample.analog_v, None)).collect();
+    let mean = |group: usize, from_ns: u64, to_ns: u64| {
+        let begin = samples.partition_point(|sample| sample.scan_time_ns < from_ns);
+        let end = samples.partition_point(|sample| sample.scan_time_ns < to_ns);
+        activity[begin..end].iter().map(|pair| pair[group]).sum::<f64>() / (end - begin) as f64
+    };
+    let [.., first, second] = results[..] else { panic!("{results:?}") };
+    let mut updates = 0;
+    for group in 0..2 {
+        for result in [first, second] {
+            let expected = mean(group, result.begun_ns, result.ended_ns);
+            close(result.value[group], expected, "the activity of a session");
+            assert!(expected > 1e-3, "{expected} mV");
+        }
+        for message in shown.iter().filter(|message| message.begun_ns == second.begun_ns) {
+            // Two updates a second, each over the last three half seconds.
+            let update = u64::from(message.update);
+            if message.light == Light::Green.code() && update > 0 {
+                let half = |count: u64| second.begun_ns + count * SECOND_NS / 2;
+                let first_half = update.saturating_sub(3);
+                let halves = (first_half..update).map(|at| mean(group, half(at), half(at + 1)));
+                let expected = halves.sum::<f64>() / (update - first_half) as f64;
+                close(message.value[group], expected, "a value of the bar");
+                close(message.height[group], bar(expected, first.value[group]), "a height");
+                assert_eq!(message.bars, 2);
+                updates = updates.max(update);
+            }
+        }
+    }
+    assert_eq!(updates, 10);
 }
 
 /// Every value and height of the bar in the two sessions.

@@ -1,5 +1,6 @@
 //! Analog inputs.
 
+use emg::Group;
 use ipc_types::ANALOG;
 
 use crate::checked_toml::{Keys, Section, Source, bounds};
@@ -13,8 +14,14 @@ pub struct Channel {
     pub name: String,
     /// Kind of the measured quantity.
     pub kind: ChannelKind,
-    /// Unit of the measured quantity, for labels (`V`, `mV`, `N·m`).
+    /// Unit of the measured quantity (`V`, `mV`, `N·m`).
     pub unit: String,
+    /// The measured quantity, in its unit, for a volt at the input.
+    pub per_v: f64,
+    /// Muscle under the electrodes; empty where the file does not say.
+    pub muscle: String,
+    /// The group of that muscle.
+    pub group: Option<Group>,
     /// The input's range is ± this (V).
     pub range_v: f64,
 }
@@ -45,7 +52,10 @@ const KEYS: Keys = &[
     ("index", "Input of the card, from 0."),
     ("name", "Name on screens and in exports."),
     ("kind", "What the input measures."),
-    ("unit", "Unit of the measured quantity, for labels; V, if left out."),
+    ("unit", "Unit of the measured quantity; V, if left out."),
+    ("per_v", "The measured quantity, in its unit, for a volt at the input (not of kind torque)."),
+    ("muscle", "Muscle under the electrodes (kind emg)."),
+    ("group", "Whether that muscle moves the handle in the positive direction (kind emg)."),
     ("range_v", "The input's range is ± this."),
 ];
 
@@ -54,11 +64,32 @@ impl Channel {
         section.document("[[channels]]", KEYS);
         let inputs = "the card has 16 inputs, counted from 0";
         let range = bounds(0.05, 10.0, "the card measures ±0.05 V to ±10 V");
+        let kind = section.word("kind", ChannelKind::WORDS).unwrap_or(ChannelKind::Other);
+        let scale = bounds(-1e9, 1e9, "an amplifier of 1000 gives 1 mV for a volt");
+        let per_v = section.number_or("per_v", 1.0, scale);
+        if per_v == 0.0 {
+            section.problem("per_v", "a number other than 0", 0, "see the amplifier's gain");
+        }
+        let groups = &[("agonist", Group::Agonist), ("antagonist", Group::Antagonist)];
+        let (muscle, group) =
+            (section.text_or_none("muscle"), section.word_or_none("group", groups));
+        if kind != ChannelKind::Emg {
+            for key in ["muscle", "group"] {
+                section.misplaced(key, "nothing: the channel's kind is not emg", "take it out");
+            }
+        }
+        if kind == ChannelKind::Torque {
+            let expected = "nothing: [axes.torque] has the sensitivity";
+            section.misplaced("per_v", expected, "take it out");
+        }
         Self {
             index: section.whole("index", 0, ANALOG as u64 - 1, inputs) as usize,
             name: section.text("name"),
-            kind: section.word("kind", ChannelKind::WORDS).unwrap_or(ChannelKind::Other),
+            kind,
             unit: section.text_or_none("unit").unwrap_or_else(|| "V".to_owned()),
+            per_v,
+            muscle: muscle.unwrap_or_default(),
+            group,
             range_v: section.number_or("range_v", 10.0, range),
         }
     }

@@ -6,6 +6,7 @@ mod gains;
 
 use crate::channel::Channel;
 use crate::checked_toml::Source;
+use crate::muscles;
 use crate::rig_file::RigFile;
 use crate::scanner_line::ScannerLine;
 use crate::simulated_scanner;
@@ -17,6 +18,7 @@ pub(crate) fn check(rig: &RigFile, source: &Source<'_>) {
         rig.phases.check(&rig.rates, source);
     }
     Channel::check_all(&rig.channels, source);
+    muscles::check(&rig.emg, &rig.channels, &rig.rates, source);
     declared_model::check(&rig.model, &rig.axes, source);
     ScannerLine::check(rig.scanner.as_ref(), &rig.channels, source);
     if let Some(scanner) = &rig.simulation.scanner {

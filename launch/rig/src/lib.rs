@@ -35,6 +35,7 @@ mod homing;
 mod limits;
 mod load;
 mod model;
+mod muscles;
 mod parameter;
 pub mod protocol;
 mod rates;

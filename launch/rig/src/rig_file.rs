@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use emg::{Conditioning, Electrode, Group};
 use ipc_types::ANALOG;
 use plant::effects::Effect;
 use plant::reflected_dynamics::ReflectedDynamics;
@@ -15,6 +16,7 @@ use crate::content_hash::identity;
 use crate::effect::{ModelEffect, ModelEffectError};
 use crate::error::{Problem, RigError};
 use crate::model::Model;
+use crate::muscles;
 use crate::rates::{Phases, Rates};
 use crate::scanner_line::ScannerLine;
 use crate::simulation::Simulation;
@@ -35,6 +37,8 @@ pub struct RigFile {
     pub axes: Vec<Axis>,
     /// Up to sixteen analog inputs.
     pub channels: Vec<Channel>,
+    /// How the voltages of electrodes become the activity of muscles.
+    pub emg: Conditioning,
     /// The scanner's trigger line; `None` where the rig has none.
     pub scanner: Option<ScannerLine>,
     /// The declared model.
@@ -55,6 +59,7 @@ const KEYS: Keys = &[
     ("phases_us", "Phases of the processes."),
     ("axes", "One to three axes."),
     ("channels", "Analog inputs, at most 16."),
+    ("emg", "How the voltages of electrodes become the activity of muscles."),
     ("scanner", "The scanner's trigger line."),
     ("model", "The declared model; required."),
     ("replay", "Column names of measured records."),
@@ -99,6 +104,7 @@ impl RigFile {
             true => root.text_or_none("name").unwrap_or_else(|| stem(file_name)),
             false => root.text("name"),
         };
+        let emg = muscles::read(root.section("emg"));
         let scanner = ScannerLine::read(root.section("scanner"), &channels);
         Self {
             name,
@@ -107,6 +113,7 @@ impl RigFile {
             phases,
             axes,
             channels,
+            emg,
             scanner,
             model,
             replay: Replay::read(root.section("replay"), unit),
@@ -115,6 +122,16 @@ impl RigFile {
             file_name: file_name.to_owned(),
             identity: identity(text),
         }
+    }
+
+    /// The electrodes whose muscles belong to a group.
+    pub fn electrodes(&self) -> Vec<Electrode> {
+        muscles::electrodes(&self.channels)
+    }
+
+    /// Unit of the activity of a group of muscles; `None` where no electrode belongs to it.
+    pub fn muscle_unit(&self, group: Group) -> Option<&str> {
+        muscles::unit(&self.channels, group)
     }
 
     /// Constants of one axis's transmission: [`Model::parameters`], overridden by `axes.model`.

@@ -27,7 +27,8 @@ pub struct Effort {
     pub tick: u64,
     /// Torque of the hand (N·m or N), 0 for an axis without a sensor.
     pub torque: [f64; AXES],
-    /// Activity of agonists and antagonists, in the unit of their channels.
+    /// Activity of agonists and antagonists, in the unit of their channels; NaN where it is not
+    /// known.
     pub activity: [f64; BARS],
 }
 
@@ -45,14 +46,16 @@ pub struct Sums {
 }
 
 impl Sums {
-    /// Adds a sample.
+    /// Adds a sample; of the activity, what is known.
     pub fn add(&mut self, effort: &Effort) {
         self.samples += 1;
         for (sum, torque) in self.torque.iter_mut().zip(effort.torque) {
             *sum += torque.abs();
         }
         for (sum, activity) in self.activity.iter_mut().zip(effort.activity) {
-            *sum += activity;
+            if activity.is_finite() {
+                *sum += activity;
+            }
         }
     }
 
@@ -86,6 +89,14 @@ impl Matched {
         match self.signal {
             Signal::Torque => 1_000_000_000,
             Signal::Emg => 500_000_000,
+        }
+    }
+
+    /// Whether a sample has what is compared.
+    pub fn is_in(self, effort: &Effort) -> bool {
+        match self.signal {
+            Signal::Torque => true,
+            Signal::Emg => effort.activity.iter().all(|activity| activity.is_finite()),
         }
     }
 

@@ -111,7 +111,7 @@ impl Runner {
                 None
             }
         };
-        let mut sessions = SessionPorts::open(&mut service)?;
+        let mut sessions = SessionPorts::open(&mut service, rig)?;
         if let Some(current) = &current {
             sessions.resume(&player, &current.sessions);
             warn_of_lost_session(current, &player, &mut service)?;
@@ -210,7 +210,7 @@ impl Runner {
         while let Some(sample) = self.samples.take()? {
             let powered = sample.gate_state == GateState::Open.code();
             self.player.record(sample.scan_time_ns, &handles(Some(&sample)), powered);
-            self.sessions.see(&sample);
+            self.sessions.see(&sample, &self.player);
             self.newest = Some(sample);
         }
         self.scan.tell(&mut self.player)?;

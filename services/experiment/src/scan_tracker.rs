@@ -16,6 +16,8 @@ const INTERPOLATED: usize = 64;
 /// Time after a resumption in which the pulses since the segment's beginning arrive (ns); until
 /// then nothing is concluded from their absence.
 const CATCH_UP_NS: u64 = 1_500_000_000;
+/// A scanner that has sent no pulse for so many volumes has stopped.
+const SILENT_VOLUMES: f64 = 4.0;
 /// An open gate is believed to be open as long ago as this, beyond the least width of a level (ns).
 const GATE_DELAY_NS: u64 = 20_000_000;
 /// Time from the beginning of a wait, or of a protocol without one, to the first pulse of the
@@ -269,6 +271,17 @@ impl ScanTracker {
             self.state.gate_next = Some(next + 1e9 * clock.series().repetition_s);
             self.pulse(next.round() as u64, VolumeSource::Gate);
         }
+    }
+
+    /// Time since the beginning of the volume at `at_ns` and the repetition time that was planned
+    /// (s), by the scanner's clock; `None` where no scanner measures, or an emulated one.
+    pub fn since_volume_s(&self, at_ns: u64) -> Option<(f64, f64)> {
+        let clock = self.state.clock.as_ref().filter(|_| self.state.emulation.is_none())?;
+        let (volume, last) = (clock.volume_at(at_ns)?, clock.index()? as f64);
+        let repetition_s = clock.series().repetition_s;
+        (0.0..SILENT_VOLUMES)
+            .contains(&(volume - last))
+            .then(|| (volume.fract() * repetition_s, repetition_s))
     }
 
     /// Whether a pulse could be taken now, with all that it may make known.

@@ -159,9 +159,11 @@ impl SessionTracker {
         self.dropped
     }
 
-    /// Takes a sample; it is counted by [`SessionTracker::advance`].
+    /// Takes a sample; it is counted by [`SessionTracker::advance`], but for one without what the
+    /// sessions match, which counts as missing.
     pub fn see(&mut self, effort: Effort) {
-        if !self.is_used() || (self.playing.is_none() && self.edges.is_empty()) {
+        let unused = self.plan.matched.is_some_and(|matched| !matched.is_in(&effort));
+        if !self.is_used() || unused || (self.playing.is_none() && self.edges.is_empty()) {
             return;
         }
         if self.waiting.len() == WAITING {

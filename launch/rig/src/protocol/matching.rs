@@ -5,6 +5,7 @@
 //! section takes the place of `[[segments]]`: what is played follows from it and from the rig,
 //! whose corner the centre is counted from.
 
+use emg::Group;
 use ipc_types::Mode;
 
 use super::field::Field;
@@ -207,6 +208,13 @@ impl Matching {
             let expected = format!("a sensor of the hand's torque on axis \"{}\"", axis.name);
             let advice = "add [axes.torque] to the rig file";
             source.problem("matching.signal", expected, "none in the rig file", advice);
+        }
+        for (group, name) in [(Group::Agonist, "agonist"), (Group::Antagonist, "antagonist")] {
+            if self.signal == Signal::Emg && rig.muscle_unit(group).is_none() {
+                let expected = format!("electrodes over {name} muscles");
+                let advice = format!("add group = \"{name}\" to channels of kind emg");
+                source.problem("matching.signal", expected, "none in the rig file", advice);
+            }
         }
         let centre = corner(axis) + self.centre;
         let (least, most) = (centre - self.amplitude, centre + self.amplitude);

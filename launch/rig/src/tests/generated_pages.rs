@@ -38,6 +38,7 @@ friction_peak_v = 1.5
 [axes.control.slave]
 [[axes.effects]]
 [[channels]]
+[emg]
 [scanner]
 [model]
 [model.parameters]

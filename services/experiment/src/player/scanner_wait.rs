@@ -36,6 +36,12 @@ impl Player {
         self.scan.dropped()
     }
 
+    /// Time since the beginning of the scanner's volume at `at_ns`, and its repetition time (s);
+    /// `None` where none measures.
+    pub fn since_volume_s(&self, at_ns: u64) -> Option<(f64, f64)> {
+        self.scan.since_volume_s(at_ns)
+    }
+
     /// The scanner, as far as it was followed.
     pub const fn scan_state(&self) -> ScanState {
         self.scan.state()

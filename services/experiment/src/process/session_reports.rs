@@ -1,9 +1,11 @@
 //! Samples and segments in, the sessions' performance and results out.
 
+use emg::MuscleActivity;
 use ipc_types::{
     AXES, BARS, Event, EventKind, PERFORMANCE, Performance, Process, SESSION, Sample,
     SessionOutcome, SessionResult, Severity,
 };
+use rig::RigFile;
 use rtrb::Producer;
 use runtime::{Losses, PortError, Publisher, Service};
 
@@ -21,15 +23,23 @@ const REPORTS_A_CYCLE: usize = 16;
 #[derive(Debug)]
 pub(super) struct SessionPorts {
     tracker: SessionTracker,
+    /// The electrodes of the rig, which are filtered all the time, so that no session begins with
+    /// filters that have not settled; `None` where no muscle belongs to a group.
+    muscles: Option<MuscleActivity>,
     performance: Publisher<Performance>,
     results: Publisher<SessionResult>,
 }
 
 impl SessionPorts {
-    pub(super) fn open(service: &mut Service) -> Result<Self, PortError> {
+    pub(super) fn open(service: &mut Service, rig: &RigFile) -> Result<Self, PortError> {
+        let electrodes = rig.electrodes();
+        // A checked rig file has filters that its rate bears.
+        let muscles =
+            MuscleActivity::new(&electrodes, &rig.emg, f64::from(rig.rates.acquisition_hz));
+        let muscles = muscles.ok().filter(|_| !electrodes.is_empty());
         let performance = service.publisher(PERFORMANCE)?;
         let results = service.publisher(SESSION)?;
-        Ok(Self { tracker: SessionTracker::default(), performance, results })
+        Ok(Self { tracker: SessionTracker::default(), muscles, performance, results })
     }
 
     /// Goes on with the sessions of a protocol that is resumed.
@@ -40,9 +50,14 @@ impl SessionPorts {
     }
 
     /// Takes a sample.
-    pub(super) fn see(&mut self, sample: &Sample) {
+    pub(super) fn see(&mut self, sample: &Sample, player: &Player) {
+        let volume = player.since_volume_s(sample.scan_time_ns);
+        let activity = match &mut self.muscles {
+            Some(muscles) => muscles.update(&sample.analog_v, volume),
+            None => [f64::NAN; BARS],
+        };
         if self.tracker.is_used()
-            && let Some(effort) = effort(sample)
+            && let Some(effort) = effort(sample, activity)
         {
             self.tracker.see(effort);
         }
@@ -53,6 +68,9 @@ impl SessionPorts {
         let Some(program) = player.program() else { return };
         if change == Change::Started {
             self.tracker.begin(program.sessions(), None);
+            if let Some(muscles) = &mut self.muscles {
+                muscles.clear_artefact();
+            }
         }
         let next =
             player.playing().and_then(|(segment, begun_ns)| program.played(segment, begun_ns));
@@ -128,7 +146,7 @@ impl SessionPorts {
 }
 
 /// The effort in a sample; `None` where a torque is not finite, and the sample counts as missing.
-fn effort(sample: &Sample) -> Option<Effort> {
+fn effort(sample: &Sample, activity: [f64; BARS]) -> Option<Effort> {
     let mut torque = [0.0; AXES];
     for (axis, torque) in torque.iter_mut().enumerate() {
         if sample.torque_present & 1 << axis != 0 {
@@ -139,6 +157,6 @@ fn effort(sample: &Sample) -> Option<Effort> {
         at_ns: sample.scan_time_ns,
         tick: sample.tick,
         torque,
-        activity: [0.0; BARS],
+        activity,
     })
 }

@@ -1,0 +1,17 @@
+//! From the voltages of surface electrodes to the activity of muscles.
+//!
+//! A [`Conditioner`] filters one electrode: band-pass, notch, rectification, envelope.
+//! [`zero_phase`] does the same for a whole recording, without delay. [`ArtefactTemplate`] takes
+//! the scanner's gradient artefact out before that. [`MuscleActivity`] does all of it for the
+//! electrodes of a rig and returns the activity of agonists and antagonists. Nothing here reads a
+//! clock, and after construction nothing allocates but [`zero_phase`].
+
+mod artefact_template;
+mod conditioner;
+mod muscle_activity;
+mod zero_phase;
+
+pub use artefact_template::{ArtefactTemplate, LONGEST_REPETITION_S};
+pub use conditioner::{Activity, Conditioner, Conditioning, ConditioningError, HIGHEST_SHARE};
+pub use muscle_activity::{Electrode, Group, MuscleActivity};
+pub use zero_phase::zero_phase;

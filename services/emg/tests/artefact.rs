@@ -1,0 +1,115 @@
+//! The gradient artefact, and what is left of it and of the muscles' signal.
+#![allow(clippy::unwrap_used, clippy::expect_used)]
+
+use std::f64::consts::TAU;
+
+use emg::{ArtefactTemplate, Conditioner, Conditioning, Electrode, Group, MuscleActivity};
+use ipc_types::ANALOG;
+use plant::sensors::{Emg, EmgParameters};
+
+const RATE_HZ: f64 = 2000.0;
+const REPETITION_S: f64 = 2.0;
+
+/// An artefact: 30 slices a volume, each a train of readouts, 20 times as large as the muscles'
+/// signal; `since_s` from the volume's beginning.
+fn artefact(since_s: f64) -> f64 {
+    let slice = since_s.rem_euclid(REPETITION_S / 30.0);
+    let shape = (TAU * 180.0 * slice).sin() + 0.5 * (TAU * 90.0 * slice).cos();
+    if slice < 0.04 { 4.0 * shape * (std::f64::consts::PI * slice / 0.04).sin() } else { 0.0 }
+}
+
+/// Rms of what is left over the muscles' own signal after conditioning, in the last volumes, with
+/// and without suppression. `drift` is the scanner's clock against the card's.
+fn left(volumes: u32, drift: f64, full_rms_v: f64) -> (f64, f64, f64) {
+    let parameters = EmgParameters { full_rms_v, ..EmgParameters::default() };
+    let mut muscles = Emg::new(parameters, 1.0 / RATE_HZ, 7).unwrap();
+    let mut template = ArtefactTemplate::new(volumes, RATE_HZ);
+    let conditioner = Conditioner::new(&Conditioning::default(), RATE_HZ).unwrap();
+    let [mut with, mut without, mut clean] = [conditioner; 3];
+    let (mut suppressed, mut plain, mut signal) = (0.0, 0.0, 0.0);
+    let period_s = REPETITION_S * (1.0 + drift);
+    for k in 0..(60.0 * RATE_HZ) as u64 {
+        let t = k as f64 / RATE_HZ + 0.00013;
+        let since_s = t.rem_euclid(period_s);
+        let muscle = muscles.read(1.5)[0];
+        let raw = muscle + artefact(since_s);
+        let own = clean.update(muscle).filtered;
+        let kept = with.update(template.update(raw, since_s, REPETITION_S)).filtered - own;
+        let polluted = without.update(raw).filtered - own;
+        if t > 40.0 {
+            suppressed += kept * kept;
+            plain += polluted * polluted;
+            signal += own * own;
+        }
+    }
+    let root = |sum: f64| (sum / (20.0 * RATE_HZ)).sqrt();
+    (root(suppressed), root(plain), root(signal))
+}
+
+#[test]
+fn what_repeats_with_every_volume_is_taken_out() {
+    // Without a muscle's signal, the artefact alone is left.
+    let (suppressed, plain, _) = left(10, 0.0, 0.0);
+    assert!(suppressed < plain / 300.0, "{suppressed} of {plain}");
+    // A clock that is 80 ppm off moves the volumes against the samples.
+    let (suppressed, plain, _) = left(10, 80e-6, 0.0);
+    assert!(suppressed < plain / 30.0, "{suppressed} of {plain}");
+}
+
+#[test]
+fn the_muscles_signal_stays() {
+    // An average over ten volumes takes a tenth of the noise's power, and adds nothing else.
+    let (suppressed, plain, signal) = left(10, 0.0, 0.2);
+    assert!(plain > 10.0 * signal, "the artefact hides the signal: {plain}, {signal}");
+    assert!(suppressed < 0.4 * signal, "{suppressed} of {signal}");
+}
+
+#[test]
+fn nothing_is_subtracted_before_three_whole_volumes() {
+    let mut template = ArtefactTemplate::new(10, RATE_HZ);
+    // From the middle of a volume on: this one does not count.
+    let mut k = 1000u64;
+    let mut update = |template: &mut ArtefactTemplate| {
+        let since_s = (k as f64 / RATE_HZ).rem_euclid(REPETITION_S);
+        k += 1;
+        template.update(1.0, since_s, REPETITION_S)
+    };
+    for _ in 0..3000 + 3 * 4000 {
+        assert_eq!(update(&mut template), 1.0);
+        assert!(!template.is_ready());
+    }
+    let after: Vec<f64> = (0..4000).map(|_| update(&mut template)).collect();
+    assert!(template.is_ready() && after.iter().all(|value| value.abs() < 1e-12));
+    template.clear();
+    assert_eq!(update(&mut template), 1.0);
+}
+
+#[test]
+fn groups_are_means_over_their_electrodes() {
+    let electrode = |input, per_v, group| Electrode { input, per_v, group };
+    let electrodes = [
+        electrode(1, 1.0, Group::Agonist),
+        electrode(3, 2.0, Group::Agonist),
+        electrode(2, 0.5, Group::Antagonist),
+    ];
+    let how = Conditioning { notch_hz: None, ..Conditioning::default() };
+    let mut activity = MuscleActivity::new(&electrodes, &how, RATE_HZ).unwrap();
+    let mut sums = [0.0; 2];
+    for k in 0..8000 {
+        let value = (TAU * 100.0 * f64::from(k) / RATE_HZ).sin();
+        let mut analog_v = [f64::NAN; ANALOG];
+        (analog_v[1], analog_v[2], analog_v[3]) = (value, value, -value);
+        let found = activity.update(&analog_v, None);
+        if k >= 4000 {
+            (sums[0], sums[1]) = (sums[0] + found[0], sums[1] + found[1]);
+        }
+    }
+    let mean = 2.0 / std::f64::consts::PI;
+    assert!((sums[0] / 4000.0 - 1.5 * mean).abs() < 0.01, "{sums:?}");
+    assert!((sums[1] / 4000.0 - 0.5 * mean).abs() < 0.01, "{sums:?}");
+    // A value that is not finite says so, and is forgotten at once.
+    let found = activity.update(&[f64::NAN; ANALOG], None);
+    assert!(found.iter().all(|value| value.is_nan()));
+    let found = activity.update(&[0.0; ANALOG], None);
+    assert!(found.iter().all(|value| value.is_finite()));
+}
