@@ -26,6 +26,8 @@ pub struct Simulation {
     pub analog_noise_v: f64,
     /// RMS of the simulated EMG of a fully active muscle (V).
     pub emg_rms_v: f64,
+    /// Excitation of the antagonist over that of the agonist.
+    pub emg_cocontraction: f64,
     /// The scanner that pulses on the channels of kind `trigger`; `None`: no scanner.
     pub scanner: Option<ScannerEmulator>,
     /// Lower and upper hard stop of the handle (rad or m); `None`: no stops.
@@ -49,6 +51,13 @@ pub struct Hand {
     pub amplitude: f64,
     /// Its frequency (Hz).
     pub frequency_hz: f64,
+    /// Time after which a subject reacts to what it sees (s).
+    pub reaction_s: f64,
+    /// Change of a subject's effort with each update of the bar, in relation to the bar's distance
+    /// from its middle.
+    pub correction: f64,
+    /// Standard deviation of that change.
+    pub variability: f64,
 }
 
 /// What the hand does.
@@ -60,6 +69,9 @@ pub enum HandKind {
     Passive,
     /// A hand whose target follows a sine, with the same spring and damper about it.
     Moving,
+    /// A moving hand that takes part in an experiment with sessions: it moves under a green light,
+    /// with an effort that follows the bar. Elsewhere a passive one.
+    Subject,
 }
 
 const KEYS: Keys = &[
@@ -71,6 +83,7 @@ const KEYS: Keys = &[
     ("torque_walk_v_per_sqrt_s", "Random walk of the torque cell's zero."),
     ("analog_noise_v", "Standard deviation of the noise on every other analog input."),
     ("emg_rms_v", "RMS of the simulated EMG of a fully active muscle."),
+    ("emg_cocontraction", "Excitation of the antagonist over that of the agonist."),
     ("trigger_repetition_s", "Repetition time of the MRI scanner; 0: no scanner."),
     ("trigger_pulse_s", "Length of a scanner pulse."),
     ("trigger_idle_v", "Level between pulses."),
@@ -103,6 +116,7 @@ impl Simulation {
             torque_walk_v_per_sqrt_s: section.number_or("torque_walk_v_per_sqrt_s", 0.0, walk),
             analog_noise_v: noise("analog_noise_v", 0.001, "in V, standard deviation"),
             emg_rms_v: noise("emg_rms_v", 0.2, "in V, after the EMG's amplifier"),
+            emg_cocontraction: noise("emg_cocontraction", 0.15, "0: none, 1: as much"),
             scanner: read_scanner(&section, seed),
             end_stops: read_end_stops(&section, unit),
             hand: Hand::read(section.section("hand"), unit),
@@ -146,6 +160,9 @@ const HAND_KEYS: Keys = &[
     ("stiffness", "Stiffness about the hand's target position, in N·m/rad (N/m)."),
     ("amplitude_{deg,m}", "Amplitude of a moving hand's target."),
     ("frequency_hz", "Frequency of a moving hand's target."),
+    ("reaction_s", "Time after which a subject reacts to light and bar."),
+    ("correction", "Change of a subject's effort with each update, over the bar's relative error."),
+    ("variability", "Standard deviation of that change."),
 ];
 
 impl Hand {
@@ -154,7 +171,7 @@ impl Hand {
     pub fn torque(&self, position: f64, velocity: f64, time_s: f64) -> f64 {
         let (wanted, wanted_velocity) = match self.kind {
             HandKind::Absent => return 0.0,
-            HandKind::Passive => (0.0, 0.0),
+            HandKind::Passive | HandKind::Subject => (0.0, 0.0),
             HandKind::Moving => {
                 let omega = std::f64::consts::TAU * self.frequency_hz;
                 let (sine, cosine) = (omega * time_s).sin_cos();
@@ -178,6 +195,7 @@ impl Hand {
             ("absent", HandKind::Absent),
             ("passive", HandKind::Passive),
             ("moving", HandKind::Moving),
+            ("subject", HandKind::Subject),
         ];
         let positive =
             |key, default, most, advice| section.number_or(key, default, bounds(0.0, most, advice));
@@ -193,6 +211,9 @@ impl Hand {
             stiffness: positive("stiffness", 0.3, 1e4, "N·m/rad, or N/m on an axis in m"),
             amplitude: unit.si_per_file_unit() * amplitude,
             frequency_hz: positive("frequency_hz", 1.0, 10.0, "in Hz, of a moving hand"),
+            reaction_s: positive("reaction_s", 0.25, 2.0, "in s; people need 0.2 to 0.3 s"),
+            correction: positive("correction", 0.3, 2.0, "1 takes all of the error at once"),
+            variability: positive("variability", 0.05, 1.0, "a share of the effort"),
         }
     }
 }

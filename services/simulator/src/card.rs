@@ -1,6 +1,6 @@
 //! The simulated card as a pure core: the caller passes tick and time.
 
-use ipc_types::{ANALOG, AXES, CardScan};
+use ipc_types::{ANALOG, AXES, CardScan, Performance};
 use plant::ParameterError;
 use plant::coupled_axes::{CouplingError, HandleCoupling, Plant};
 use plant::effects::end_stop::EndStop;
@@ -12,7 +12,9 @@ use plant::transmission::{Input, Motion};
 use rand::{RngExt as _, SeedableRng};
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64Mcg;
-use rig::{Axis, ChannelKind, DIGITAL_HIGH_V, Hand, HandKind, RigFile, ScannerInput};
+use rig::{Axis, ChannelKind, DIGITAL_HIGH_V, HandKind, RigFile, ScannerInput};
+
+use crate::subject::Subject;
 use thiserror::Error;
 
 /// Why the simulated card cannot be built from a rig file.
@@ -100,7 +102,7 @@ pub struct Card {
     first_tick: Option<u64>,
     analog_noise_v: f64,
     encoder_noise_counts: f64,
-    hand: Hand,
+    subject: Subject,
     /// Scans since the motor got power. A moving hand starts with motor power, so that the rig can
     /// be armed at rest.
     powered_scans: u64,
@@ -170,6 +172,7 @@ impl Card {
             full_rms_v: simulation.emg_rms_v,
             // Electrode noise scaled with the signal.
             floor_rms_v: simulation.emg_rms_v * standard.floor_rms_v / standard.full_rms_v,
+            cocontraction: simulation.emg_cocontraction,
             ..standard
         };
         let muscles = (!emg_channels.is_empty())
@@ -190,7 +193,7 @@ impl Card {
             first_tick: None,
             analog_noise_v: simulation.analog_noise_v,
             encoder_noise_counts: simulation.encoder_noise_counts,
-            hand,
+            subject: Subject::new(hand, simulation.seed),
             powered_scans: 0,
             generator: Pcg64Mcg::seed_from_u64(simulation.seed ^ 0x5ca1_ab1e),
             period_s,
@@ -229,6 +232,11 @@ impl Card {
         self.dac_v = volts.map(|v| if v.is_finite() { v } else { 0.0 });
         self.output_sequence = sequence;
         self.output_incarnation = incarnation;
+    }
+
+    /// Shows the subject at the handle the light and the bars.
+    pub fn show(&mut self, shown: &Performance) {
+        self.subject.see(shown);
     }
 
     /// Records that all scans up to `tick` were read from the FIFO and published.
@@ -318,11 +326,14 @@ impl Card {
         }
         self.powered_scans = if powered { self.powered_scans + 1 } else { 0 };
         let time_s = self.powered_scans as f64 * self.period_s;
-        let inputs: [Input; AXES] = std::array::from_fn(|axis| {
+        let motion: [(f64, f64); AXES] = std::array::from_fn(|axis| {
             let motion = self.plant.motion(axis);
-            let hand_torque_nm =
-                self.hand.torque(motion.slave_position_rad, motion.slave_velocity_rad_s, time_s);
-            Input { motor_v: motor_v[axis], hand_torque_nm }
+            (motion.slave_position_rad, motion.slave_velocity_rad_s)
+        });
+        let torques = self.subject.torques(&motion, time_s, time_ns);
+        let inputs: [Input; AXES] = std::array::from_fn(|axis| Input {
+            motor_v: motor_v[axis],
+            hand_torque_nm: torques[axis],
         });
         self.plant.step(&inputs, self.period_s);
         scan

@@ -10,7 +10,9 @@
 mod card;
 mod lock_step;
 mod process;
+mod subject;
 
 pub use card::{Card, CardError, PowerUp};
 pub use lock_step::LockStepDaq;
 pub use process::{SimulatorError, run};
+pub use subject::Subject;

@@ -1,6 +1,6 @@
 //! The process: clocks the card on the grid.
 
-use ipc_types::{CARD_OUTPUT, CARD_SCAN, ENABLE_LINE, EventKind, Process, Severity};
+use ipc_types::{CARD_OUTPUT, CARD_SCAN, ENABLE_LINE, EventKind, PERFORMANCE, Process, Severity};
 use rig::RigFile;
 use runtime::{Grid, Losses, PortError, Service, ServiceError, Timeouts};
 use thiserror::Error;
@@ -35,6 +35,7 @@ pub fn run(rig_name: &str, rig: &RigFile, effects: &[String]) -> Result<(), Simu
     let mut scans = service.publisher(CARD_SCAN)?;
     let mut outputs = service.subscriber(CARD_OUTPUT)?;
     let mut lines = service.subscriber(ENABLE_LINE)?;
+    let mut shown = service.subscriber(PERFORMANCE)?;
     let mut grid = Grid::of_rate(rig.rates.acquisition_hz, rig.phases.simulator_ns);
     let profile = service.enter_loop()?;
     let mut last_tick = None;
@@ -46,6 +47,9 @@ pub fn run(rig_name: &str, rig: &RigFile, effects: &[String]) -> Result<(), Simu
         while let Some(output) = outputs.take()? {
             card.write(output.volts, output.sequence, output.incarnation);
             card.taken(output.taken_tick);
+        }
+        while let Some(performance) = shown.take()? {
+            card.show(&performance);
         }
         // A card's clock never misses: what is due since the last wake is clocked now.
         let mut first = last_tick.map_or(wake.tick, |tick: u64| tick + 1);
@@ -65,7 +69,10 @@ pub fn run(rig_name: &str, rig: &RigFile, effects: &[String]) -> Result<(), Simu
             scans.send(scan)?;
         }
         last_tick = Some(wake.tick);
-        let losses = Losses::default().received(outputs.counters()).received(lines.counters());
+        let losses = Losses::default()
+            .received(outputs.counters())
+            .received(lines.counters())
+            .received(shown.counters());
         service.end_cycle(&grid, &wake, losses.sent(scans.undelivered()))?;
         service.beat();
     }
