@@ -106,14 +106,22 @@ fn the_bars_of_an_emg_experiment_are_the_activity_of_the_recorded_electrodes() {
     let file = rig.path("emg.mcap");
     let file_text = file.to_str().unwrap();
     rig.ok(["up", "--simulate", "--rig", &rig_file, "--record", file_text]);
+    let files = format!("--mat={}", rig.path("S07_").display());
     let arguments = [
         "emg-matching",
         "--set=matching.sets=1",
         "--set=matching.session_s=5",
         "--set=matching.rest_s=10",
         "--emulate-scanner=1",
+        &files,
     ];
-    play_with_kills(&rig, &arguments, &[]);
+    let outcome = play_with_kills(&rig, &arguments, &[]);
+    for number in 1..=2 {
+        let file = rig.path(&format!("S07_{number}.mat"));
+        let bytes = std::fs::read(&file).unwrap();
+        assert!(bytes.starts_with(b"MATLAB 5.0 MAT-file"), "{file:?}: {outcome}");
+        assert!(bytes.len() > 800_000, "{} bytes for 5 s", bytes.len());
+    }
     rig.ok(["rec", "stop"]);
     rig.down();
 

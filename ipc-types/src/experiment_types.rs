@@ -35,8 +35,8 @@ messages! {
     /// Sums of a session's effort, and the bar that the subject sees: 50 a second, in a protocol
     /// that has sessions. Between sessions the sums are those of the last one.
     Performance v1 {
-        /// instant of the sums, on a grid of 20 ms from the segment's beginning: they hold the
-        /// samples before it [ns, CLOCK_MONOTONIC]
+        /// instant of the sums, on a grid of 20 ms from the segment's beginning, or the end of a
+        /// session: they hold the samples before it [ns, CLOCK_MONOTONIC]
         at_ns: u64,
         /// when the segment began [ns, CLOCK_MONOTONIC]
         begun_ns: u64,

@@ -36,6 +36,7 @@ pub fn play_with_kills(rig: &TestRig, arguments: &[&str], segments: &[u32]) -> V
     let mut last = String::new();
     for attempt in 1..=ATTEMPTS {
         let _disarmed = rig.run(["disarm"]);
+        remove_session_files(rig);
         let mut run = start(rig, arguments);
         for segment in segments {
             let reached = || is_in(&mut run, rig, *segment);
@@ -55,6 +56,16 @@ pub fn play_with_kills(rig: &TestRig, arguments: &[&str], segments: &[u32]) -> V
         assert!(last.contains("tripped"), "{last}");
     }
     panic!("never played to its end: {last}");
+}
+
+/// Removes what an attempt that tripped has written: a file that is there is never overwritten.
+fn remove_session_files(rig: &TestRig) {
+    for entry in std::fs::read_dir(rig.path("")).unwrap() {
+        let path = entry.unwrap().path();
+        if path.extension().is_some_and(|extension| extension == "mat") {
+            std::fs::remove_file(path).unwrap();
+        }
+    }
 }
 
 /// Runs until the output has a text; again after a trip of the rig.

@@ -245,6 +245,7 @@ impl SessionTracker {
         if let Some(playing) = self.playing {
             if edge.outcome == SessionOutcome::Whole {
                 self.report_until(&playing, edge.at_ns);
+                self.report_planned_end(&playing, edge.at_ns);
             }
             if let Some(number) = playing.session {
                 self.end_session(&playing, number, edge);
@@ -316,6 +317,19 @@ impl SessionTracker {
             self.report(SessionReport::Performance(report));
             self.reported = instant + 1 - first;
         }
+    }
+
+    /// Reports the instant of the planned end at the end, where the scanner's clock made a session
+    /// end a little earlier: the last update of its bar belongs to it.
+    fn report_planned_end(&mut self, playing: &PlayedSegment, ended_ns: u64) {
+        let planned = (1e9 * playing.planned_s / REPORT_NS as f64).round() as u64;
+        if playing.session.is_none() || self.reported + 1 != planned {
+            return;
+        }
+        self.update_bar(playing, planned);
+        let report = self.performance(playing, ended_ns);
+        self.report(SessionReport::Performance(report));
+        self.reported = planned;
     }
 
     /// Updates the bar where one is due at the `instant` of the segment's grid.

@@ -338,6 +338,45 @@ fn a_protocol_that_is_resumed_keeps_target_and_values() {
     assert_eq!(heights, [(1, height(0.3, 0.2)), (2, height(0.1, 0.2))]);
 }
 
+#[test]
+fn a_session_that_the_scanners_clock_ends_early_has_its_last_update() {
+    let plan =
+        SessionPlan { sessions: 1, matched: Some(Matched { signal: Signal::Torque, axis: 0 }) };
+    let mut tracker = SessionTracker::default();
+    tracker.begin(plan, None);
+    let session =
+        PlayedSegment { segment: 0, begun_ns: 0, planned_s: 5.0, session: Some(1), rest: false };
+    let centring = PlayedSegment {
+        segment: 1,
+        begun_ns: 4_998 * MS,
+        planned_s: 3.0,
+        session: None,
+        rest: false,
+    };
+    tracker.pass_edge(0, SessionOutcome::Whole, Some(session));
+    tracker.pass_edge(4_998 * MS, SessionOutcome::Whole, Some(centring));
+    let mut shown = Vec::new();
+    for k in 0..10_100u64 {
+        let at_ns = k * SECOND / 2000;
+        let torque = [at_ns as f64 * 1e-9, 0.0, 0.0];
+        tracker.see(Effort { at_ns, tick: k, torque, ..Effort::default() });
+        tracker.advance(at_ns);
+        while let Some(report) = tracker.take_report() {
+            if let SessionReport::Performance(message) = report
+                && message.segment == 0
+            {
+                shown.push(message);
+            }
+        }
+    }
+    let last = shown.last().unwrap();
+    assert_eq!((last.at_ns, last.update, last.samples), (4_998 * MS, 5, 9_996));
+    close(last.value[0], 0.5 * 9_995.0 / 2000.0);
+    assert_eq!(tracker.state().values.len(), 5);
+    // One that ends when it was planned reports each instant once.
+    assert_eq!(shown.len(), 250);
+}
+
 proptest! {
     /// However late the loop runs, and so in whatever groups the samples come, the messages are the
     /// same.

@@ -407,6 +407,10 @@ fn rig_metadata(rig: &RigFile) -> BTreeMap<String, String> {
     for channel in &rig.channels {
         metadata.insert(format!("analog.{}.name", channel.index), channel.name.clone());
         metadata.insert(format!("analog.{}.unit", channel.index), channel.unit.clone());
+        metadata.insert(format!("analog.{}.per_v", channel.index), channel.per_v.to_string());
+        if !channel.muscle.is_empty() {
+            metadata.insert(format!("analog.{}.muscle", channel.index), channel.muscle.clone());
+        }
     }
     metadata
 }

@@ -56,6 +56,7 @@ pub enum Command {
     #[command(after_help = "Examples:\n  farreach run home\n  farreach run guided-1hz\n  \
         farreach run guided-1hz --subject S07 --set segments.0.amplitude_deg=20\n  \
         farreach run block-design --emulate-scanner 2\n  \
+        farreach run force-matching --subject S07 --mat S07_\n  \
         farreach run --from S07.mcap")]
     Run(RunArguments),
     /// Stops the running protocol: the handle comes to rest, the motor stays enabled at 0 V

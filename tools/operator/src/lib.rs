@@ -19,6 +19,7 @@ mod initialise_results;
 mod link;
 mod run;
 mod saved_rig_file;
+mod session_files;
 pub mod status;
 mod up;
 
@@ -31,4 +32,5 @@ pub use run::{
     ChosenProtocol, Progress, RunOptions, RunOutcome, client_number, run_protocol, stop_protocol,
 };
 pub use saved_rig_file::{rig_of, running};
+pub use session_files::{SessionFiles, Written};
 pub use up::{Up, UpOptions, up, up_in_foreground};

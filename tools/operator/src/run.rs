@@ -48,6 +48,10 @@ pub struct RunOptions {
     /// line, from 1 s after the wait for the scanner began
     #[arg(long, value_name = "TR")]
     pub emulate_scanner: Option<f64>,
+    /// Writes a MATLAB file at the end of each session: NAME1.mat, NAME2.mat, …; the rig must be
+    /// recording
+    #[arg(long, value_name = "NAME")]
+    pub mat: Option<PathBuf>,
 }
 
 /// Progress of a protocol.
@@ -176,6 +180,11 @@ pub struct ChosenProtocol {
 }
 
 impl ChosenProtocol {
+    /// The protocol.
+    pub const fn protocol(&self) -> &Protocol {
+        &self.protocol
+    }
+
     /// Reads the protocol that the options name.
     ///
     /// # Errors

@@ -130,6 +130,9 @@ pub enum Command {
         /// Writes the table as CSV; the file must not exist.
         #[arg(short, long, value_name = "CSV")]
         out: Option<PathBuf>,
+        /// Draws what the subject had to match and what it did (SVG); the file must not exist.
+        #[arg(long, value_name = "SVG")]
+        figure: Option<PathBuf>,
         /// As JSON.
         #[arg(long)]
         json: bool,
@@ -137,7 +140,8 @@ pub enum Command {
     /// Writes a table: the measured record that `farreach identify` reads, or all fields of one
     /// topic.
     ///
-    /// Example: farreach rec export run.mcap --to csv > run.csv
+    /// Example: farreach rec export run.mcap --to csv > run.csv;
+    /// farreach rec export S07.mcap --to mat -o S07_
     Export {
         /// The recording.
         file: PathBuf,
@@ -153,8 +157,8 @@ pub enum Command {
         /// Axis, from 0.
         #[arg(long, default_value_t = 0)]
         axis: usize,
-        /// The new file, never overwritten; stdout where not given.
-        #[arg(short, long)]
+        /// The new file, never overwritten; stdout where not given (not for mat).
+        #[arg(short, long, required_if_eq("to", "mat"))]
         out: Option<PathBuf>,
     },
 }
@@ -164,6 +168,9 @@ pub enum Command {
 pub enum ExportFormat {
     /// Comma-separated values with a header.
     Csv,
+    /// MATLAB, version 5: a file for each session, `OUT1.mat`, `OUT2.mat`, …; `OUT.mat` for a
+    /// recording without sessions. All signals with names and units, events, the subject's bar.
+    Mat,
 }
 
 /// Unit of an axis.

@@ -10,7 +10,7 @@ use recording::record::{ColumnNames, Gaps, Options, SampleColumns, from_recordin
 use recording::schema::Layout;
 
 use crate::output::Output;
-use crate::{DATA_LOST, ExportFormat, LengthUnit, exit_code_of_tail};
+use crate::{DATA_LOST, ExportFormat, LengthUnit, exit_code_of_tail, mat};
 
 /// Writes a table whose source was found readable.
 type WriteTable<'a> = Box<dyn FnOnce(&mut dyn Write) -> anyhow::Result<()> + 'a>;
@@ -25,7 +25,13 @@ pub(crate) fn export(
     stdout: &mut Output<'_>,
 ) -> anyhow::Result<i32> {
     let recording = Recording::open(file)?;
-    let ExportFormat::Csv = format;
+    if format == ExportFormat::Mat {
+        if topic.is_some() {
+            bail!("--topic: a MATLAB file holds the signals of samples; export topics as csv");
+        }
+        let Some(name) = to else { bail!("--out: name the files to write") };
+        return mat::export(file, name, stdout);
+    }
     let mut code = exit_code_of_tail(&recording);
     let write: WriteTable<'_> = match topic {
         Some(topic) => {

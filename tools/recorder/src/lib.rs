@@ -50,16 +50,22 @@
 mod args;
 mod cat;
 mod edit;
+mod ended_sessions;
 mod export;
 mod inspect;
+mod mat;
+mod mat_file;
 mod names;
 mod output;
 mod sessions;
+mod sessions_figure;
+mod signals;
 mod volumes;
 
 use std::io::Write;
 
 pub use args::{Command, ExportFormat, LengthUnit};
+pub use mat::{session_path, write_session};
 use output::Output;
 use recording::mcap_read::Recording;
 use scanner::Series;
@@ -101,8 +107,8 @@ pub fn run_to(command: &Command, output: &mut dyn Write) -> anyhow::Result<i32> 
             let files = volumes::Files { table: table.as_deref(), figure: figure.as_deref() };
             volumes::volumes(file, series, &files, *json, out)
         }
-        Command::Sessions { file, out: table, json } => {
-            sessions::sessions(file, table.as_deref(), *json, out)
+        Command::Sessions { file, out: table, figure, json } => {
+            sessions::sessions(file, table.as_deref(), figure.as_deref(), *json, out)
         }
         Command::Export { file, to, topic, unit, axis, out: target } => {
             export::export(file, *to, topic.as_deref(), *unit, *axis, target.as_deref(), out)

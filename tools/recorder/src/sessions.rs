@@ -4,15 +4,14 @@ use std::io::Write;
 use std::path::Path;
 
 use anyhow::bail;
-use ipc_types::{
-    AXES, COMMAND, Event, EventKind, Mode, MotorCommand, Process, SAMPLE, SESSION, Sample,
-    SessionOutcome, SessionResult, event_topic,
-};
+use ipc_types::{AXES, COMMAND, Mode, MotorCommand, SAMPLE, Sample, SessionOutcome};
 use recording::mcap_read::{ReadError, Recording};
 use serde::Serialize;
 
+use crate::ended_sessions::{EndedSession, ended_sessions};
 use crate::inspect::grouped;
 use crate::output::write_new;
+use crate::sessions_figure;
 use crate::{DATA_LOST, DONE};
 
 /// Sums that differ by more than this from those over the recorded samples are told, as a share.
@@ -50,8 +49,7 @@ struct Session {
 
 /// A session while the recording is read.
 struct Reading {
-    result: SessionResult,
-    label: String,
+    ended: EndedSession,
     /// References of the master, with the ticks of their samples.
     references: Vec<(u64, [f64; AXES])>,
     matched: usize,
@@ -64,11 +62,16 @@ struct Reading {
 pub(crate) fn sessions(
     file: &Path,
     table: Option<&Path>,
+    figure: Option<&Path>,
     json: bool,
     out: &mut dyn Write,
 ) -> anyhow::Result<i32> {
     let recording = Recording::open(file)?;
-    let mut readings = ended(&recording)?;
+    let ended = ended_sessions(&recording)?;
+    if let Some(path) = figure.filter(|_| !ended.is_empty()) {
+        write_new(path, sessions_figure::figure(&recording, &ended)?.render_svg()?)?;
+    }
+    let mut readings: Vec<Reading> = ended.into_iter().map(Reading::new).collect();
     if readings.is_empty() {
         bail!(
             "{}: no session has ended in it; `[matching]` and segments with `session = true` make \
@@ -76,7 +79,6 @@ pub(crate) fn sessions(
             file.display()
         );
     }
-    add_labels(&recording, &mut readings)?;
     add_references(&recording, &mut readings)?;
     add_samples(&recording, &mut readings)?;
     let began_ns = recording.began_monotonic_ns();
@@ -96,59 +98,10 @@ pub(crate) fn sessions(
     Ok(code)
 }
 
-/// The messages of a topic; none where it was not recorded.
-fn messages_of<T: ipc_types::Message>(
-    recording: &Recording,
-    topic: &str,
-) -> anyhow::Result<Vec<T>> {
-    let messages = match recording.messages::<T>(topic) {
-        Err(ReadError::NoTopic { .. }) => return Ok(Vec::new()),
-        messages => messages?,
-    };
-    messages.map(|message| Ok(message?.message)).collect()
-}
-
-/// The results of sessions, in the order of their beginnings.
-fn ended(recording: &Recording) -> anyhow::Result<Vec<Reading>> {
-    let mut results: Vec<SessionResult> = messages_of(recording, SESSION.topic.name)?;
-    results.sort_by_key(|result| result.begun_ns);
-    results.dedup_by_key(|result| (result.incarnation, result.sequence));
-    let reading = |result| Reading {
-        result,
-        label: String::new(),
-        references: Vec::new(),
-        matched: 0,
-        errors: [0.0; AXES],
-        axes: 0,
-        samples: 0,
-        torque_sum: [0.0; AXES],
-    };
-    Ok(results.into_iter().map(reading).collect())
-}
-
 /// The session in which an instant lies (ns, CLOCK_MONOTONIC).
 fn at(readings: &mut [Reading], at_ns: u64) -> Option<&mut Reading> {
-    let after = readings.partition_point(|reading| reading.result.begun_ns <= at_ns);
-    readings[..after].last_mut().filter(|reading| at_ns < reading.result.ended_ns)
-}
-
-/// Adds the names of the segments.
-fn add_labels(recording: &Recording, readings: &mut [Reading]) -> anyhow::Result<()> {
-    let Some(topic) = event_topic(Process::Experiment) else { return Ok(()) };
-    let mut events: Vec<Event> = messages_of(recording, topic.topic.name)?;
-    events.retain(|event| {
-        let kind = EventKind::from_code(event.kind);
-        matches!(kind, Some(EventKind::SegmentStarted | EventKind::ProtocolResumed))
-    });
-    for reading in readings {
-        let result = &reading.result;
-        let names = events
-            .iter()
-            .filter(|event| event.segment == result.segment && event.time_ns < result.ended_ns);
-        let newest = names.max_by_key(|event| event.time_ns);
-        reading.label = newest.map_or_else(String::new, |event| event.text().to_owned());
-    }
-    Ok(())
+    let after = readings.partition_point(|reading| reading.ended.result.begun_ns <= at_ns);
+    readings[..after].last_mut().filter(|reading| at_ns < reading.ended.result.ended_ns)
 }
 
 /// Adds the references that position control followed.
@@ -208,8 +161,20 @@ fn add_samples(recording: &Recording, readings: &mut [Reading]) -> anyhow::Resul
 }
 
 impl Reading {
+    const fn new(ended: EndedSession) -> Self {
+        Self {
+            ended,
+            references: Vec::new(),
+            matched: 0,
+            errors: [0.0; AXES],
+            axes: 0,
+            samples: 0,
+            torque_sum: [0.0; AXES],
+        }
+    }
+
     fn session(&self, began_ns: u64) -> Session {
-        let result = &self.result;
+        let result = &self.ended.result;
         let axes = if self.axes > 0 { self.axes } else { 1 };
         let bars = usize::from(result.bars).min(result.value.len());
         let mean = |sum: f64| if result.samples > 0 { sum / result.samples as f64 } else { 0.0 };
@@ -217,7 +182,7 @@ impl Reading {
         Session {
             number: result.number,
             of: result.sessions,
-            label: self.label.clone(),
+            label: self.ended.label.clone(),
             outcome: SessionOutcome::from_code(result.outcome).map_or("unknown", |o| o.text()),
             t_s: (result.begun_ns as f64 - began_ns as f64) * 1e-9,
             duration_s: result.ended_ns.saturating_sub(result.begun_ns) as f64 * 1e-9,
@@ -235,8 +200,9 @@ impl Reading {
 
     /// Largest difference of the sums and the number of samples, as a share of the larger.
     fn difference(&self) -> f64 {
-        let pairs = self.torque_sum.iter().zip(&self.result.torque_sum);
-        let samples = (self.samples as f64, self.result.samples as f64);
+        let told = &self.ended.result;
+        let pairs = self.torque_sum.iter().zip(&told.torque_sum);
+        let samples = (self.samples as f64, told.samples as f64);
         pairs.map(|(again, told)| (*again, *told)).chain([samples]).fold(
             0.0,
             |largest: f64, (again, told)| {

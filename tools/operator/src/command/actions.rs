@@ -12,7 +12,9 @@ use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use super::{RunArguments, print, print_json};
 use crate::run::causes;
 use crate::up::absolute;
-use crate::{ChosenProtocol, DATA_LOST, DONE, Error, FAILED, Progress, RigLink, RunOutcome};
+use crate::{
+    ChosenProtocol, DATA_LOST, DONE, Error, FAILED, Progress, RigLink, RunOutcome, SessionFiles,
+};
 
 fn link(rig_name: &RigName) -> Result<RigLink, Error> {
     RigLink::open(rig_name).map_err(|error| match error {
@@ -47,6 +49,10 @@ pub(super) fn run(arguments: &RunArguments, rig_name: &RigName) -> anyhow::Resul
     let link = link(rig_name)?;
     let unrecorded =
         link.logger(&LoggerRequest::Status).is_ok_and(|logger| logger.recording.is_none());
+    let mut files = match &arguments.options.mat {
+        Some(name) => Some(SessionFiles::new(&link, chosen.protocol(), name)?),
+        None => None,
+    };
     // Nothing is drawn where standard error is no terminal.
     let bar = ProgressBar::new(1000).with_style(ProgressStyle::with_template("{bar:40} {msg}")?);
     let mut told = false;
@@ -60,8 +66,17 @@ pub(super) fn run(arguments: &RunArguments, rig_name: &RigName) -> anyhow::Resul
         ranges.clone_from(&progress.ranges);
         scan = progress.scan;
         sessions.clone_from(&progress.sessions);
+        if let Some(files) = &mut files {
+            files.see(progress.sessions.as_ref());
+        }
     });
     bar.finish_and_clear();
+    let completed = matches!(outcome, Ok(RunOutcome::Completed { .. }));
+    let written = files.map_or_else(Vec::new, |files| files.finish(completed));
+    let unwritten = written.iter().filter_map(|file| file.as_ref().err());
+    unwritten.for_each(|error| eprintln!("{error:#}"));
+    let incomplete = written.iter().any(Result::is_err);
+    let written: Vec<_> = written.into_iter().filter_map(Result::ok).collect();
     let outcome = outcome?;
     let mut out = std::io::stdout();
     if arguments.json.json {
@@ -69,6 +84,7 @@ pub(super) fn run(arguments: &RunArguments, rig_name: &RigName) -> anyhow::Resul
         value["ranges"] = serde_json::to_value(&ranges)?;
         value["scan"] = serde_json::to_value(scan)?;
         value["sessions"] = serde_json::to_value(&sessions)?;
+        value["files"] = serde_json::to_value(&written)?;
         print_json(&value)?;
     } else {
         for range in &ranges {
@@ -80,9 +96,16 @@ pub(super) fn run(arguments: &RunArguments, rig_name: &RigName) -> anyhow::Resul
         if let Some(sessions) = &sessions {
             writeln!(out, "{sessions} (`farreach rec sessions` has them)")?;
         }
+        for file in &written {
+            writeln!(out, "{}", file.display())?;
+        }
         tell(&mut out, &outcome)?;
     }
-    Ok(if matches!(outcome, RunOutcome::Completed { .. }) { DONE } else { FAILED })
+    Ok(match (completed, incomplete) {
+        (true, false) => DONE,
+        (true, true) => DATA_LOST,
+        (false, _) => FAILED,
+    })
 }
 
 pub(super) fn stop(rig_name: &RigName, as_json: bool) -> anyhow::Result<i32> {

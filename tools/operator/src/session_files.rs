@@ -1,0 +1,113 @@
+//! MATLAB files that are written while the protocol goes on: one at the end of each session.
+
+use std::path::{Path, PathBuf};
+use std::sync::mpsc::{Sender, channel};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, bail};
+use ipc_types::{LoggerRequest, SessionProgress};
+use rig::protocol::Protocol;
+
+use crate::RigLink;
+
+/// How long the end of a session may take to be on the disk.
+const WRITTEN_LIMIT: Duration = Duration::from_secs(10);
+/// How long the end of a session that was stopped may take; there may be none.
+const STOPPED_LIMIT: Duration = Duration::from_secs(3);
+const POLL_PERIOD: Duration = Duration::from_millis(300);
+
+/// A file, or why it is not there.
+pub type Written = anyhow::Result<PathBuf>;
+
+/// Writes the sessions' files in a thread of its own, so that the client's lease is renewed
+/// meanwhile.
+#[derive(Debug)]
+pub struct SessionFiles {
+    over: u32,
+    sender: Sender<(u32, Duration)>,
+    thread: JoinHandle<Vec<Written>>,
+}
+
+impl SessionFiles {
+    /// Checks, before anything moves, that files `NAME1.mat` to `NAMEn.mat` can be written for a
+    /// protocol, from the recording in progress.
+    ///
+    /// # Errors
+    /// Where the protocol has no sessions, nothing is recorded, or one of the files is there.
+    pub fn new(link: &RigLink, protocol: &Protocol, name: &Path) -> anyhow::Result<Self> {
+        let sessions = protocol.sequence().filter(|(_, segment)| segment.session).count();
+        if sessions == 0 {
+            bail!("--mat: the protocol \"{}\" has no sessions", protocol.name);
+        }
+        let recording = link.logger(&LoggerRequest::Status)?.recording.context(
+            "--mat: the files are written from the recording, and nothing is being recorded: \
+             `farreach rec start FILE` first",
+        )?;
+        let taken = |number: &usize| recorder::session_path(name, *number as u32).exists();
+        if let Some(number) = (1..=sessions).find(taken) {
+            let taken = recorder::session_path(name, number as u32);
+            bail!("--mat: {} is there already; files are never overwritten", taken.display());
+        }
+        let (sender, receiver) = channel::<(u32, Duration)>();
+        let (recording, name) = (PathBuf::from(recording), name.to_owned());
+        let thread = std::thread::spawn(move || {
+            let mut written = Vec::new();
+            while let Ok((number, limit)) = receiver.recv() {
+                written.extend(write(&recording, number, &name, limit).transpose());
+            }
+            written
+        });
+        Ok(Self { over: 0, sender, thread })
+    }
+
+    /// Writes the files of the sessions that have ended since the last call.
+    pub fn see(&mut self, sessions: Option<&SessionProgress>) {
+        let over = sessions.map_or(0, |sessions| sessions.over);
+        for number in self.over + 1..=over {
+            // The thread lives for as long as this end of the channel.
+            let _ = self.sender.send((number, WRITTEN_LIMIT));
+        }
+        self.over = self.over.max(over);
+    }
+
+    /// Waits for the files; also that of a session in which the protocol ended.
+    pub fn finish(self, completed: bool) -> Vec<Written> {
+        let Self { over, sender, thread } = self;
+        if !completed {
+            let _ = sender.send((over + 1, STOPPED_LIMIT));
+        }
+        drop(sender);
+        thread.join().unwrap_or_else(|_| {
+            vec![Err(anyhow::anyhow!("--mat: the thread that writes the files failed"))]
+        })
+    }
+}
+
+/// Writes the file of a session once its end is in the recording; `None` where a session that was
+/// stopped has none.
+fn write(
+    recording: &Path,
+    number: u32,
+    name: &Path,
+    limit: Duration,
+) -> anyhow::Result<Option<PathBuf>> {
+    let begun = Instant::now();
+    loop {
+        if let Some(path) = recorder::write_session(recording, number, name)? {
+            return Ok(Some(path));
+        }
+        if begun.elapsed() > limit {
+            if limit == STOPPED_LIMIT {
+                return Ok(None);
+            }
+            bail!(
+                "session {number} is not in {} after {} s; `farreach rec export --to mat` writes \
+                 its file later",
+                recording.display(),
+                limit.as_secs()
+            );
+        }
+        std::thread::sleep(POLL_PERIOD);
+    }
+}

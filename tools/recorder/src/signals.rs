@@ -1,0 +1,93 @@
+//! The signals of a recording, with the names and units of its rig file.
+
+use anyhow::Context;
+use ipc_types::{ANALOG, AXES, Sample};
+use recording::mcap_read::Recording;
+use recording::mcap_write::key;
+use rig::{AxisUnit, ChannelKind, RigFile};
+
+/// One signal of every sample.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Signal {
+    /// Name: that of the channel, or the axis's with what is measured.
+    pub(crate) name: String,
+    /// Unit of its values.
+    pub(crate) unit: String,
+    source: Source,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Source {
+    Master(usize),
+    Slave(usize),
+    Torque(usize),
+    MotorVolts(usize),
+    /// An input of the card, with the measured quantity for a volt.
+    Analog(usize, f64),
+}
+
+impl Signal {
+    /// Its value in a sample; NaN where the sample does not have it.
+    pub(crate) fn value(&self, sample: &Sample) -> f64 {
+        let present = |bits: u8, axis: usize| bits & 1 << axis != 0;
+        let value = match self.source {
+            Source::Master(axis) => {
+                (present(sample.master_present, axis), sample.master_position[axis])
+            }
+            Source::Slave(axis) => {
+                (present(sample.slave_present, axis), sample.slave_position[axis])
+            }
+            Source::Torque(axis) => {
+                (present(sample.torque_present, axis), sample.slave_torque[axis])
+            }
+            Source::MotorVolts(axis) => (present(sample.motor_present, axis), sample.motor_v[axis]),
+            Source::Analog(input, per_v) => {
+                (sample.analog_present & 1 << input != 0, per_v * sample.analog_v[input])
+            }
+        };
+        if value.0 { value.1 } else { f64::NAN }
+    }
+}
+
+/// The rig file of a recording.
+///
+/// # Errors
+/// Where the recording has none, or one that this version does not accept.
+pub(crate) fn rig_file(recording: &Recording) -> anyhow::Result<RigFile> {
+    let name = recording.path().display();
+    let text = recording
+        .metadata(key::RIG_FILE)
+        .with_context(|| format!("{name}: it holds no rig file, and so no names and units"))?;
+    RigFile::parse(text, "rig file")
+        .with_context(|| format!("{name}: its rig file is not one of this version"))
+}
+
+/// The signals of a rig: positions, torque and motor voltage of each axis, then the inputs of the
+/// card. A torque cell's input is left out, as its torque is there.
+pub(crate) fn signals(rig: &RigFile) -> Vec<Signal> {
+    let mut signals = Vec::new();
+    for (at, axis) in rig.axes.iter().enumerate().take(AXES) {
+        let (position, force) = match axis.unit {
+            AxisUnit::Radian => ("rad", "N·m"),
+            AxisUnit::Metre => ("m", "N"),
+        };
+        let mut add = |what: &str, unit: &str, source| {
+            let name = format!("{}_{what}", axis.name);
+            signals.push(Signal { name, unit: unit.to_owned(), source });
+        };
+        add("master", position, Source::Master(at));
+        if axis.slave.is_some() {
+            add("slave", position, Source::Slave(at));
+        }
+        if axis.torque.is_some() {
+            add("torque", force, Source::Torque(at));
+        }
+        add("motor", "V", Source::MotorVolts(at));
+    }
+    let inputs = rig.channels.iter().filter(|channel| channel.index < ANALOG);
+    signals.extend(inputs.filter(|channel| channel.kind != ChannelKind::Torque).map(|channel| {
+        let source = Source::Analog(channel.index, channel.per_v);
+        Signal { name: channel.name.clone(), unit: channel.unit.clone(), source }
+    }));
+    signals
+}

@@ -1,0 +1,201 @@
+//! MATLAB files: what is in them, by a small reader of the format; scipy is asked by `.ci/readers`.
+#![allow(clippy::unwrap_used, clippy::expect_used)]
+
+mod common;
+mod mat_reader;
+
+use std::fs;
+use std::path::Path;
+
+use ipc_types::{
+    Event, EventKind, Light, Message, PERFORMANCE, Performance, Process, SAMPLE, SESSION, Sample,
+    SessionOutcome, SessionResult, Severity, event_topic,
+};
+use recorder::DONE;
+use recording::mcap_write::{Start, Writer, key};
+
+use common::{Folder, fails, rec};
+use mat_reader::{Value, read};
+
+const TICK_NS: u64 = 500_000;
+const RIG: &str = include_str!("../../../launch/rigs/hydrostatic.toml");
+
+fn sample(tick: u64) -> Sample {
+    let mut sample = Sample {
+        tick,
+        scan_time_ns: tick * TICK_NS,
+        axes: 1,
+        master_present: 1,
+        slave_present: 1,
+        torque_present: 1,
+        motor_present: 0,
+        analog_present: 0xff,
+        ..Sample::default()
+    };
+    sample.master_position[0] = tick as f64 * 1e-3;
+    sample.slave_torque[0] = -0.25;
+    sample.analog_v[1] = 0.5 + tick as f64;
+    sample.stamp(11, 22, tick, tick * TICK_NS + 80_000);
+    sample
+}
+
+/// 3 s at 2 kHz, with sessions of a second from 1 s and from 2 s on where they are wanted.
+fn write(path: &Path, sessions: bool) {
+    let rig = RIG.replacen("per_v = 1.0 ", "per_v = 2.0 ", 1);
+    let start = Start { realtime_offset_ns: 1_700_000_000_000_000_000, ..Start::default() }
+        .with(key::RIG, "hydrostatic")
+        .with(key::RIG_FILE, &rig)
+        .with(key::SUBJECT, "Jürgen Ø 7 𝄞")
+        .with(key::VERSION, "0.1.0");
+    let mut writer = Writer::create(path, &start, 0).unwrap();
+    for tick in 0..6000 {
+        writer.write_message(&SAMPLE, &sample(tick)).unwrap();
+    }
+    let event = event_topic(Process::Experiment).unwrap();
+    for number in 1..=if sessions { 2u32 } else { 0 } {
+        let begun_ns = u64::from(number) * 2000 * TICK_NS;
+        let kind = EventKind::SegmentStarted;
+        let label = format!("session {number} of 2");
+        let mut started = Event::new(Process::Experiment, kind, Severity::Info, &label);
+        (started.segment, started.a) = (number, f64::from(number));
+        started.stamp(11, 44, u64::from(number), begun_ns + 1);
+        writer.write_message(&event, &started).unwrap();
+        for update in 0..=2u32 {
+            let mut shown = Performance {
+                at_ns: begun_ns + u64::from(update) * 500_000_000,
+                begun_ns,
+                number,
+                update,
+                bars: 1,
+                value: [0.1 * f64::from(update), 0.0],
+                target: [0.2, 0.0],
+                height: [5.0 * f64::from(update), 0.0],
+                light: Light::Green.code(),
+                ..Performance::default()
+            };
+            shown.stamp(11, 44, u64::from(3 * number + update), shown.at_ns + 1);
+            writer.write_message(&PERFORMANCE, &shown).unwrap();
+        }
+        let mut result = SessionResult {
+            begun_ns,
+            ended_ns: begun_ns + 2000 * TICK_NS,
+            planned_s: 1.0,
+            samples: 2000,
+            number,
+            segment: number,
+            sessions: 2,
+            bars: 1,
+            value: [0.25, 0.0],
+            target: [0.2, 0.0],
+            outcome: SessionOutcome::Whole.code(),
+            ..SessionResult::default()
+        };
+        result.stamp(11, 44, u64::from(number), result.ended_ns);
+        writer.write_message(&SESSION, &result).unwrap();
+    }
+    writer.finish(&[]).unwrap();
+}
+
+fn load(folder: &Folder, name: &str) -> Value {
+    read(&fs::read(folder.path(name)).unwrap())
+}
+
+#[test]
+fn each_session_has_a_file_with_every_signal() {
+    let folder = Folder::new();
+    write(&folder.path("run.mcap"), true);
+    let (code, text) =
+        rec(&["export", &folder.text("run.mcap"), "--to", "mat", "-o", &folder.text("S7_")]);
+    assert_eq!(code, DONE);
+    let expected = format!(
+        "{}: 2000 samples\n{}: 2000 samples\n",
+        folder.text("S7_1.mat"),
+        folder.text("S7_2.mat")
+    );
+    assert_eq!(text, expected);
+    let mat = load(&folder, "S7_2.mat");
+    let names = [
+        "handle_master",
+        "handle_slave",
+        "handle_torque",
+        "handle_motor",
+        "emg_1",
+        "emg_2",
+        "emg_3",
+        "emg_4",
+        "emg_5",
+        "emg_6",
+        "scanner_trigger",
+    ];
+    assert_eq!(mat.at("names").texts(), names);
+    let units = mat.at("units").texts();
+    assert_eq!([0, 2, 3, 4].map(|at| units[at].as_str()), ["rad", "N·m", "V", "mV"]);
+    assert_eq!(mat.at("output").size(), [2000, 11]);
+    let (time, output) = (mat.at("time").numbers(), mat.at("output").numbers());
+    for at in 0..2000 {
+        // The second session begins with tick 4000.
+        let of = sample(4000 + at as u64);
+        assert!((time[at] - at as f64 * 5e-4).abs() < 1e-12);
+        let value = |signal: usize| output[2000 * signal + at];
+        assert_eq!(value(0), of.master_position[0]);
+        assert_eq!(value(2), -0.25);
+        assert!(value(3).is_nan(), "the card told no motor volts");
+        assert_eq!(value(4), 2.0 * of.analog_v[1], "in mV");
+    }
+    let info = mat.at("info");
+    assert_eq!(info.at("subject").text(), "Jürgen Ø 7 \u{fffd}");
+    assert_eq!((info.at("label").text(), info.at("outcome").text()), ("session 2 of 2", "whole"));
+    assert!(info.at("rig_file").text().contains("per_v = 2.0"));
+    assert_eq!(info.at("began").text(), "2023-11-14T22:13:22.000Z");
+    assert_eq!(info.at("protocol").text(), "");
+    assert_eq!(info.at("session").numbers(), [2.0]);
+    assert_eq!(info.at("target").numbers(), [0.2]);
+    let bar = mat.at("bar");
+    assert_eq!(bar.at("time").numbers(), [0.5, 1.0]);
+    assert_eq!(bar.at("height").numbers(), [5.0, 10.0]);
+    assert_eq!(bar.at("value").size(), [2, 1]);
+    assert_eq!(mat.at("events").at("a").numbers(), [2.0]);
+    assert_eq!(mat.at("events").at("kind").texts(), ["segment started"]);
+}
+
+#[test]
+fn a_recording_without_sessions_is_one_file() {
+    let folder = Folder::new();
+    write(&folder.path("run.mcap"), false);
+    let run = folder.text("run.mcap");
+    let (code, _) = rec(&["export", &run, "--to", "mat", "-o", &folder.text("whole.mat")]);
+    assert_eq!(code, DONE);
+    let mat = load(&folder, "whole.mat");
+    assert_eq!(mat.at("output").size(), [6000, 11]);
+    assert_eq!(mat.at("time").numbers()[0], 0.0);
+    assert!(!mat.at("info").has("session"));
+}
+
+#[test]
+fn nothing_is_overwritten_or_half_written() {
+    let folder = Folder::new();
+    write(&folder.path("run.mcap"), true);
+    let run = folder.text("run.mcap");
+    fs::write(folder.path("S2.mat"), "precious").unwrap();
+    let error = fails(&["export", &run, "--to", "mat", "-o", &folder.text("S")]);
+    assert!(error.contains("S2.mat: it is there already"), "{error}");
+    assert!(!folder.path("S1.mat").exists());
+    assert_eq!(fs::read_to_string(folder.path("S2.mat")).unwrap(), "precious");
+    let nowhere = folder.text("none/S");
+    assert!(!fails(&["export", &run, "--to", "mat", "-o", &nowhere]).is_empty());
+    let error = fails(&["export", &run, "--to", "mat", "--topic", "session", "-o", &nowhere]);
+    assert!(error.contains("--topic"), "{error}");
+    let left = fs::read_dir(folder.path("")).unwrap().count();
+    assert_eq!(left, 2, "no unfinished file is left");
+}
+
+#[test]
+fn one_session_at_a_time_as_soon_as_it_is_there() {
+    let folder = Folder::new();
+    write(&folder.path("run.mcap"), true);
+    let (run, name) = (folder.path("run.mcap"), folder.path("live"));
+    let written = recorder::write_session(&run, 1, &name).unwrap();
+    assert_eq!(written, Some(folder.path("live1.mat")));
+    assert_eq!(recorder::write_session(&run, 3, &name).unwrap(), None);
+    assert!(recorder::write_session(&run, 1, &name).is_err(), "never overwritten");
+}
