@@ -67,6 +67,9 @@ pub struct Protocol {
     pub description: String,
     /// Number of times that the whole list is played.
     pub repeat: u32,
+    /// Whether it goes on after a restart of the process that plays it, with the beginning of the
+    /// segment; otherwise it ends.
+    pub resumes: bool,
     /// The segments, as in the file; those of `[matching]` with the corner at 0, see
     /// [`Protocol::segments_on`].
     pub segments: Vec<Segment>,
@@ -90,6 +93,7 @@ const KEYS: Keys = &[
     ("name", "Name of the protocol."),
     ("description", "Description for people."),
     ("repeat", "Number of times that the whole list is played."),
+    ("after_restart", "What is done when the process that plays it is started again in between."),
 ];
 
 impl Protocol {
@@ -141,6 +145,8 @@ impl Protocol {
         let description = head.text_or_none("description").unwrap_or_default();
         let repeat =
             head.whole_or("repeat", 1, 1, 1000, "how often the whole list is played") as u32;
+        let restart = &[("resume", true), ("abort", false)];
+        let resumes = head.word_or("after_restart", restart, true);
         // Before the segments, as on the generated page.
         let scan = Scan::read(root.section("scanner"));
         let matching = Matching::read(root.section("matching"));
@@ -162,6 +168,7 @@ impl Protocol {
             name,
             description,
             repeat,
+            resumes,
             segments,
             matching,
             scan,

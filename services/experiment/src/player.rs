@@ -111,6 +111,7 @@ enum End {
     Stop,
     ClientGone,
     PermissionLost,
+    Restarted,
 }
 
 impl End {
@@ -119,6 +120,7 @@ impl End {
             Self::Stop => Change::Stopped(segment),
             Self::ClientGone => Change::Aborted(segment, Reason::ClientGone),
             Self::PermissionLost => Change::Aborted(segment, Reason::PermissionLost),
+            Self::Restarted => Change::Aborted(segment, Reason::Restarted),
         }
     }
 }
@@ -222,7 +224,8 @@ impl Player {
         self.enter(program, 0, Change::Started);
     }
 
-    /// Resumes a saved state at the beginning of its segment, once [`Player::supervise`] has seen
+    /// Resumes a saved state at the beginning of its segment, or ends it in the next step where the
+    /// protocol does not go on after a restart, once [`Player::supervise`] has seen
     /// that the motor is still enabled in the same epoch and that the client is still there.
     ///
     /// # Errors
@@ -250,8 +253,9 @@ impl Player {
         }
         self.supervision = Supervision::new(state.epoch, true);
         self.scan = ScanTracker::resume(state.scan);
+        let end = (!program.resumes).then_some(End::Restarted);
         self.enter(program, segment, Change::Resumed(state.segment));
-        self.waiting = true;
+        (self.waiting, self.end) = (true, end);
         Ok(())
     }
 

@@ -3,7 +3,7 @@
 
 use std::sync::Arc;
 
-use experiment::player::{Change, Output, Permission, Player, Program, ResumeError};
+use experiment::player::{Change, Output, Permission, Player, Program, Reason, ResumeError};
 use experiment::state::PlayerState;
 use ipc_types::{AXES, Mode, Setpoint};
 use proptest::prelude::*;
@@ -218,6 +218,25 @@ fn a_restart_goes_on_at_the_edge_of_the_interrupted_segment() {
     let (_, changes) = play(&mut second, 60_002 * MS, 63_000 * MS);
     assert_eq!(changes[0], (62_200 * MS, Change::Segment(3)));
     assert!((second.status().elapsed_s - (6.7 + 0.798)).abs() < 1e-6);
+}
+
+#[test]
+fn a_protocol_that_does_not_go_on_after_a_restart_ends_at_0_volts() {
+    let text = TEXT.replacen("[protocol]", "[protocol]\nafter_restart = \"abort\"", 1);
+    let mut first = player(&text);
+    play(&mut first, 0, 5_300 * MS);
+    let kept = state(&first, 42, CLIENT);
+    assert!(kept.running, "as long as it is played, it is");
+    let mut second = Player::default();
+    second.resume(&kept, program(&text)).unwrap();
+    // Samples are not waited for.
+    assert!(second.is_ending());
+    second.supervise(60_000 * MS, Permission::Enabled(EPOCH), 0);
+    let output = second.step(60_000 * MS, &[0.2, 0.0, 0.0]);
+    assert_eq!(output.change, Some(Change::Aborted(2, Reason::Restarted)));
+    assert_eq!(mode(&output.setpoint.unwrap()), Mode::Passive);
+    assert!(!second.is_running() && !state(&second, 42, CLIENT).running);
+    assert!(Reason::Restarted.text().contains("after_restart"));
 }
 
 #[test]

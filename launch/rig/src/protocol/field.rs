@@ -33,7 +33,7 @@ pub(super) const SPRING_ADVICE: &str =
     "N·m/rad, or N/m on an axis in m; the thesis's screen has 0.1 to 2";
 // Bounds for any rig; stability is checked against the rig.
 const SPRING: Bounds = bounds(-5.0, 10.0, SPRING_ADVICE);
-const DAMPER: Bounds = bounds(-0.5, 2.0, "N·m·s/rad, or N·s/m on an axis in m");
+pub(super) const DAMPER: Bounds = bounds(-0.5, 2.0, "N·m·s/rad, or N·s/m on an axis in m");
 const INERTIA: Bounds =
     bounds(-0.1, 0.1, "kg·m², or kg on an axis in m; the handle's own is 0.002");
 const WALL: Bounds = bounds(0.1, 50.0, "N·m/rad, or N/m on an axis in m");

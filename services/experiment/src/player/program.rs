@@ -33,6 +33,8 @@ pub struct Program {
     pub(super) scan: ScanPlan,
     /// Its sessions.
     sessions: SessionPlan,
+    /// Whether it goes on after a restart of the process.
+    pub(super) resumes: bool,
     pub(super) duration_s: f64,
 }
 
@@ -131,6 +133,7 @@ impl Program {
                     .matching
                     .map(|matching| Matched { signal: matching.signal, axis: matching.axis }),
             },
+            resumes: protocol.resumes,
             duration_s: begins_s,
         })
     }

@@ -21,6 +21,8 @@ pub enum Reason {
     PermissionLost,
     /// The client's lease expired.
     ClientGone,
+    /// The process was started again, and the protocol does not go on then.
+    Restarted,
     /// A wait for the scanner saw no pulse in time.
     NoScanner,
 }
@@ -44,6 +46,10 @@ impl Reason {
                 "no pulse of the scanner came in time; check its line and the rig file's [scanner]"
             }
             Self::ClientGone => "its client is gone; `farreach run` must keep running",
+            Self::Restarted => {
+                "the experiment process was restarted, and the protocol says after_restart = \
+                 \"abort\""
+            }
         }
     }
 }

@@ -1,21 +1,22 @@
-//! `rhythm`: the hand keeps a rhythm in a spring field (appendix).
+//! `rhythm`: the hand keeps a rhythm in a field of spring and damper (appendix: of a spring).
 
 use ipc_types::Mode;
 
 use crate::checked_toml::{Keys, Section, bounds};
-use crate::protocol::field::{Field, SPRING_ADVICE};
+use crate::protocol::field::{DAMPER, Field, SPRING_ADVICE};
 use crate::protocol::segment_kind::SegmentKind;
 use crate::protocol::trajectory::Point;
 use crate::protocol::unit_keys::{DURATION, UnitKeys};
 
-/// The hand keeps a rhythm in a spring field: each half period it should be at the other extreme.
+/// The hand keeps a rhythm in a field of spring and damper: each half period it should be at the
+/// other extreme.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Rhythm {
     /// Full cycles per second (Hz).
     pub frequency_hz: f64,
     /// Distance from the centre to each extreme (rad or m).
     pub amplitude: f64,
-    /// The spring field about the centre.
+    /// The field, with its spring about the centre.
     pub field: Field,
     /// Whole duration (s).
     pub duration_s: f64,
@@ -26,6 +27,7 @@ pub(super) const KEYS: Keys = &[
     ("amplitude_{deg,m}", "Distance from the centre to each extreme."),
     ("centre_{deg,m}", "Centre of movement and spring; 0, if left out."),
     ("spring", "Stiffness of the spring, in N·m/rad (N/m on an axis in m)."),
+    ("damper", "Damping, in N·m·s/rad or N·s/m; negative feeds energy into the movement."),
     ("duration_s", "Whole duration."),
 ];
 
@@ -44,6 +46,7 @@ pub(super) fn read(section: &Section<'_>, keys: &mut UnitKeys<'_, '_>) -> Rhythm
         amplitude: keys.amplitude("amplitude"),
         field: Field {
             stiffness,
+            damping: section.number_or("damper", 0.0, DAMPER),
             centre: keys.position("centre").unwrap_or(0.0),
             ..Field::default()
         },
