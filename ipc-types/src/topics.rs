@@ -130,10 +130,10 @@ pub const SCANNER: TypedTopic<ScannerPulse> =
 pub const VOLUME: TypedTopic<Volume> = topic("volume", Process::Experiment, Rate::Sporadic, 256, 1);
 /// Sums of effort and the subject's bar, in a protocol that has sessions.
 pub const PERFORMANCE: TypedTopic<Performance> =
-    topic("performance", Process::Experiment, Rate::Sporadic, 256, 1);
+    topic("performance", Process::Experiment, Rate::Sporadic, 64, 1);
 /// Sessions that have ended.
 pub const SESSION: TypedTopic<SessionResult> =
-    topic("session", Process::Experiment, Rate::Sporadic, 64, 16);
+    topic("session", Process::Experiment, Rate::Sporadic, 16, 16);
 /// The logger's loss counters.
 pub const LOSS: TypedTopic<LossCounters> = topic("loss", Process::Logger, Rate::Hertz(1), 256, 0);
 /// The logger's measurement of the wall clock.
