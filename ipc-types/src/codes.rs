@@ -305,7 +305,7 @@ codes! {
 
     /// The subject's light.
     Light {
-        /// No session runs: no force.
+        /// No session runs.
         Red = 0, "red";
         /// A session runs.
         Green = 1, "green";

@@ -51,6 +51,8 @@ pub const ANALOG: usize = 16;
 pub const TEXT: usize = 120;
 /// Most bars that a subject sees: one for the agonist muscles, one for the antagonists.
 pub const BARS: usize = 2;
+/// Height of a bar whose target is met; its field is twice as high.
+pub const BAR_MIDDLE: f64 = 10.0;
 
 /// Calls the visitor with the message type of that name in shared memory, for what knows a topic
 /// from the table only; `None` where no message has the name.

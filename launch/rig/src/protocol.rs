@@ -55,6 +55,8 @@ use matching::corner;
 
 /// Largest number of segments, repeats included.
 const SEGMENTS: usize = 10_000;
+/// Least start-up time of a wait for the scanner before a session (s).
+const LEAST_START_UP_S: f64 = 0.2;
 /// Longest protocol (s).
 const LONGEST_S: f64 = 86_400.0;
 
@@ -152,6 +154,10 @@ impl Protocol {
         let matching = Matching::read(root.section("matching"));
         let mut segments: Vec<_> =
             root.sections("segments").into_iter().enumerate().map(Segment::read).collect();
+        if matching.is_some() && repeat > 1 {
+            let (expected, advice) = ("1, with [matching]", "raise matching.sets");
+            head.problem("repeat", expected, repeat, advice);
+        }
         match matching {
             Some(matching) if segments.is_empty() => segments = matching.segments(0.0),
             Some(_) => {
@@ -176,6 +182,7 @@ impl Protocol {
             file_name: file_name.to_owned(),
             identity: identity(text),
         };
+        protocol.check_start_up(&root);
         let (count, duration) = (protocol.count(), protocol.duration_s());
         if count > SEGMENTS {
             let advice = "repeat less often";
@@ -192,6 +199,21 @@ impl Protocol {
             root.problem("segments", format!("at most {LONGEST_S} s in all"), found, advice);
         }
         protocol
+    }
+
+    /// Checks that no session begins before its beginning can be known: a pulse is known some scans
+    /// after it came, that of a gate after its least width.
+    fn check_start_up(&self, root: &Section<'_>) {
+        let next = self.sequence().skip(1).map(|(_, segment)| segment);
+        let early = self.sequence().zip(next).find(|((_, segment), next)| {
+            matches!(&segment.movement, Movement::WaitForScanner(wait)
+                if next.session && wait.start_up_s < LEAST_START_UP_S)
+        });
+        if let Some(((index, segment), _)) = early {
+            let expected = format!("at least {LEAST_START_UP_S} s before a session");
+            let found = format!("less in segment {index} (\"{}\")", segment.label);
+            root.problem("segments", format!("a start_up_s of {expected}"), found, "raise it");
+        }
     }
 
     /// Number of segments played, repeats included.

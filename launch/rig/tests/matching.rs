@@ -126,6 +126,15 @@ fn a_matching_experiment_has_no_segments_of_its_own() {
     let both = format!("{GOOD}\n[[segments]]\nkind = \"rest\"\nduration_s = 1\n");
     let error = Protocol::parse(&both, "matching.toml").unwrap_err().to_string();
     assert!(error.contains("either segments or [matching]"), "{error}");
+    let twice = GOOD.replace("[protocol]", "[protocol]\nrepeat = 2");
+    let error = Protocol::parse(&twice, "matching.toml").unwrap_err().to_string();
+    assert!(error.contains("protocol.repeat") && error.contains("matching.sets"), "{error}");
+    let early = "[protocol]\nname = \"early\"\n[[segments]]\nkind = \"wait_for_scanner\"\n\
+                 timeout_s = 10\nstart_up_s = 0.1\n[[segments]]\nkind = \"rest\"\nduration_s = 5\n\
+                 session = true\n";
+    let error = Protocol::parse(early, "early.toml").unwrap_err().to_string();
+    assert!(error.contains("a start_up_s of at least 0.2 s before a session"), "{error}");
+    assert!(Protocol::parse(&early.replace("session = true", ""), "early.toml").is_ok());
     let none = "[protocol]\nname = \"none\"\n";
     let error = Protocol::parse(none, "matching.toml").unwrap_err().to_string();
     assert!(error.contains("at least one segment"), "{error}");

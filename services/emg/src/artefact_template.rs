@@ -8,6 +8,9 @@ pub const LONGEST_REPETITION_S: f64 = 10.0;
 const LEAST_VOLUMES: u32 = 3;
 /// Samples about the next one that its interpolation needs.
 const AROUND: usize = 4;
+/// Longest distance between two samples without a gap, in samples: the volume's beginning may be
+/// corrected.
+const LONGEST_STEP: f64 = 1.5;
 /// Rounding of times, in samples.
 const ROUNDING: f64 = 1e-6;
 
@@ -51,6 +54,12 @@ impl ArtefactTemplate {
         (self.averaged, self.length, self.phase, self.next) = (0, 0, None, 0);
     }
 
+    /// Notes that a sample is left out: the volume has a gap.
+    pub const fn skip(&mut self) {
+        self.phase = None;
+        self.next = usize::MAX;
+    }
+
     /// Whether the average is used.
     pub const fn is_ready(&self) -> bool {
         self.averaged >= LEAST_VOLUMES
@@ -72,17 +81,19 @@ impl ArtefactTemplate {
         let phase = since_volume_s * self.rate_hz;
         // A correction of the volume's beginning may set the time back a little.
         let begins = self.phase.is_some_and(|before| phase < before - 0.5 * length);
+        let step = self
+            .phase
+            .map(|before| phase - before + if begins { repetition_s * self.rate_hz } else { 0.0 });
         self.recent.rotate_right(1);
         self.recent[0] = value;
-        if begins {
+        let gap = step.is_none_or(|step| step > LONGEST_STEP);
+        if begins && !gap {
             self.average_up_to(phase + repetition_s * self.rate_hz);
-            // Only a volume that was seen from its beginning to its end counts.
             self.averaged += u32::from(self.next == self.length);
-            self.next = 0;
         }
-        if self.phase.is_none() && phase >= 1.0 {
-            // The rest of this volume does not count.
-            self.next = usize::MAX;
+        // Only a volume that was seen from its beginning to its end counts.
+        if begins || gap {
+            self.next = if phase < 1.0 { 0 } else { usize::MAX };
         }
         self.phase = Some(phase);
         self.average_up_to(phase);
@@ -98,7 +109,7 @@ impl ArtefactTemplate {
                 return;
             }
             if back > 2.0 + ROUNDING {
-                // Samples are missing: what was averaged here before stays.
+                // The volume's beginning was corrected: what was averaged here before stays.
                 self.next += 1;
                 continue;
             }

@@ -91,11 +91,16 @@ impl MuscleActivity {
             if !volts.is_finite() {
                 // The filters never see it: they would not forget it.
                 sums[group] = f64::NAN;
+                artefact.iter_mut().for_each(ArtefactTemplate::skip);
                 continue;
             }
             let mut value = volts * electrode.per_v;
-            if let (Some(artefact), Some((since_s, repetition_s))) = (artefact, volume) {
-                value = artefact.update(value, since_s, repetition_s);
+            match (artefact, volume) {
+                (Some(artefact), Some((since_s, repetition_s))) => {
+                    value = artefact.update(value, since_s, repetition_s);
+                }
+                (Some(artefact), None) => artefact.skip(),
+                (None, _) => {}
             }
             sums[group] += conditioner.update(value).rectified;
         }

@@ -85,6 +85,37 @@ fn nothing_is_subtracted_before_three_whole_volumes() {
 }
 
 #[test]
+fn a_volume_with_a_gap_does_not_count() {
+    let mut template = ArtefactTemplate::new(10, RATE_HZ);
+    let feed = |template: &mut ArtefactTemplate, left_out: std::ops::Range<u64>| {
+        for k in (0..4000).filter(|k| !left_out.contains(k)) {
+            let since_s = k as f64 / RATE_HZ;
+            // In the gap, the artefact is another.
+            let value = if (100..200).contains(&k) { 5.0 } else { 1.0 };
+            template.update(value, since_s, REPETITION_S);
+        }
+    };
+    feed(&mut template, 0..0);
+    feed(&mut template, 100..200);
+    feed(&mut template, 3990..4000);
+    feed(&mut template, 0..2);
+    feed(&mut template, 0..0);
+    assert!(!template.is_ready(), "the first one alone, and this one is not yet at its end");
+    feed(&mut template, 0..0);
+    // Three were whole; the last of them ends with the first sample of the next.
+    assert!(!template.is_ready());
+    assert!((template.update(1.0, 0.0, REPETITION_S)).abs() < 1e-9);
+    assert!(template.is_ready());
+    for k in 1..4000 {
+        let value = if (100..200).contains(&k) { 5.0 } else { 1.0 };
+        let left = template.update(value, f64::from(k) / RATE_HZ, REPETITION_S);
+        assert!(left.abs() < 1e-9, "{k}: {left}");
+    }
+    template.skip();
+    assert!(template.is_ready(), "what was averaged is not forgotten");
+}
+
+#[test]
 fn groups_are_means_over_their_electrodes() {
     let electrode = |input, per_v, group| Electrode { input, per_v, group };
     let electrodes = [

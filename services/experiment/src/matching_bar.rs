@@ -1,10 +1,8 @@
 //! The bars of a matching experiment: what they compare, and how high they are (appendix, part C).
 
-use ipc_types::{AXES, BARS};
+use ipc_types::{AXES, BAR_MIDDLE, BARS};
 use rig::protocol::Signal;
 
-/// Height of a bar that is as high as its target: the middle.
-pub const MIDDLE: f64 = 10.0;
 /// Largest height; the bar's field is 20 high.
 pub const HIGHEST: f64 = 19.0;
 /// Least target, so that a session without effort does not divide by zero; the appendix's first
@@ -13,9 +11,9 @@ pub const LEAST_TARGET: f64 = 1e-4;
 /// Intervals over which the activity of a muscle is averaged.
 const INTERVALS: usize = 3;
 
-/// Height of a bar, 0 to [`HIGHEST`]: [`MIDDLE`] where the value is the target's.
+/// Height of a bar, 0 to [`HIGHEST`]: [`BAR_MIDDLE`] where the value is the target's.
 pub fn height(value: f64, target: f64) -> f64 {
-    (MIDDLE * value / target.max(LEAST_TARGET)).clamp(0.0, HIGHEST)
+    (BAR_MIDDLE * value / target.max(LEAST_TARGET)).clamp(0.0, HIGHEST)
 }
 
 /// The effort in one sample.

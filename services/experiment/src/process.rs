@@ -113,7 +113,7 @@ impl Runner {
         };
         let mut sessions = SessionPorts::open(&mut service, rig)?;
         if let Some(current) = &current {
-            sessions.resume(&player, &current.sessions);
+            sessions.resume(&player, current.order, &current.sessions);
             warn_of_lost_session(current, &player, &mut service)?;
         }
         let learnt = learnt.map_or_else(|| directory.join(LEARNT), Path::to_owned);
@@ -264,7 +264,7 @@ impl Runner {
             if let Some(change) = output.change {
                 let program = self.player.program().map(AsRef::as_ref);
                 publish_change(change, program, &mut self.service)?;
-                self.sessions.follow(change, &self.player, wake.woke_ns);
+                self.sessions.follow(change, &self.player, self.playing, wake.woke_ns);
                 if change.ends() {
                     self.scan.end();
                 }
@@ -279,8 +279,6 @@ impl Runner {
         }
         self.sessions.publish(
             wake.woke_ns,
-            self.playing,
-            self.player.status().segment,
             &mut self.link.steps,
             &self.link.dropped,
             &mut self.service,

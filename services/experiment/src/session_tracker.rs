@@ -20,9 +20,9 @@ const EDGES: usize = 16;
 /// Reports that wait to be published, and the most that one step makes.
 const REPORTS: usize = 256;
 const REPORTS_A_STEP: usize = 64;
-/// Most instants of one segment that are made up for after a gap in the samples. A longer gap than
-/// these 320 ms starts the segment again.
-const MADE_UP: u64 = 16;
+/// Most instants of one segment that are made up for after a gap in the samples: 1 s of them. A gap
+/// of more than 100 ms starts the segment again, unless only what the sessions match is missing.
+const MADE_UP: u64 = 50;
 /// A segment's end is believed without a sample after it once it is so long ago (ns).
 const GRACE_NS: u64 = 100_000_000;
 
@@ -55,12 +55,12 @@ pub struct PlayedSegment {
 pub enum SessionReport {
     /// The sums and the bar.
     Performance(Performance),
-    /// The session of that number begins.
-    Started(u32),
+    /// The session of that number begins, in that segment.
+    Started(u32, u32),
     /// A session has ended.
     Ended(SessionResult),
-    /// A step for [`SessionState::take`].
-    Step(SessionStep),
+    /// A step for [`SessionState::take`], of the run with that number.
+    Step(u32, SessionStep),
 }
 
 /// The end of a segment.
@@ -86,6 +86,8 @@ struct Shown {
 #[derive(Clone, Debug)]
 pub struct SessionTracker {
     plan: SessionPlan,
+    /// Number of the run of a protocol that is followed.
+    run: u32,
     state: SessionState,
     playing: Option<PlayedSegment>,
     /// Instants reported of the segment.
@@ -95,7 +97,9 @@ pub struct SessionTracker {
     shown: Shown,
     /// Number of the session that runs or ran last.
     number: u32,
-    last_tick: Option<u64>,
+    /// Tick and time of the last sample (ns), and the time between two (ns).
+    last: Option<(u64, u64)>,
+    period_ns: u64,
     waiting: VecDeque<Effort>,
     edges: VecDeque<Edge>,
     reports: VecDeque<SessionReport>,
@@ -107,6 +111,7 @@ impl Default for SessionTracker {
     fn default() -> Self {
         Self {
             plan: SessionPlan::default(),
+            run: 0,
             state: SessionState::with_capacity(),
             playing: None,
             reported: 0,
@@ -114,7 +119,8 @@ impl Default for SessionTracker {
             bar: None,
             shown: Shown::default(),
             number: 0,
-            last_tick: None,
+            last: None,
+            period_ns: 0,
             waiting: VecDeque::with_capacity(WAITING),
             edges: VecDeque::with_capacity(EDGES),
             reports: VecDeque::with_capacity(REPORTS),
@@ -124,9 +130,12 @@ impl Default for SessionTracker {
 }
 
 impl SessionTracker {
-    /// Forgets the protocol before; `state` is that of a protocol that is resumed.
-    pub fn begin(&mut self, plan: SessionPlan, state: Option<&SessionState>) {
-        self.plan = plan;
+    /// Follows another run of a protocol, after what is left of the one before; `run` is its number
+    /// and `state` that of one that is resumed.
+    pub fn begin(&mut self, run: u32, plan: SessionPlan, state: Option<&SessionState>) {
+        self.advance(u64::MAX - GRACE_NS);
+        self.dropped += self.edges.len() as u64;
+        (self.run, self.plan) = (run, plan);
         match state {
             Some(state) => self.state.copy_from(state),
             None => self.state.copy_from(&SessionState::default()),
@@ -135,6 +144,7 @@ impl SessionTracker {
         self.playing = None;
         self.shown = Shown::default();
         self.sums = Sums::default();
+        self.last = None;
         self.edges.clear();
         self.waiting.clear();
     }
@@ -223,21 +233,50 @@ impl SessionTracker {
 
     fn step(&mut self, step: SessionStep) {
         self.state.take(step);
-        self.report(SessionReport::Step(step));
+        self.report(SessionReport::Step(self.run, step));
     }
 
     fn count(&mut self, effort: &Effort) {
-        let Some(playing) = self.playing.filter(|playing| effort.at_ns >= playing.begun_ns) else {
-            self.last_tick = Some(effort.tick);
-            return;
-        };
-        self.report_until(&playing, effort.at_ns);
-        if playing.session.is_some() {
-            let before = self.last_tick.unwrap_or(effort.tick.saturating_sub(1));
-            self.sums.missed += effort.tick.saturating_sub(before + 1);
-            self.sums.add(effort);
+        if let Some(playing) = self.playing.filter(|playing| effort.at_ns >= playing.begun_ns) {
+            self.report_until(&playing, effort.at_ns);
+            if playing.session.is_some() {
+                self.sums.missed += self.missing_before(effort, playing.begun_ns, effort.at_ns);
+                self.sums.add(effort);
+            }
         }
-        self.last_tick = Some(effort.tick);
+        if let Some((tick, at_ns)) = self.last.filter(|(tick, _)| effort.tick > *tick) {
+            self.period_ns = effort.at_ns.saturating_sub(at_ns) / (effort.tick - tick);
+        }
+        self.last = Some((effort.tick, effort.at_ns));
+    }
+
+    /// Samples that are missing between the last one and the next, and were due from `from_ns` on
+    /// and before `until_ns`.
+    fn missing_before(&self, next: &Effort, from_ns: u64, until_ns: u64) -> u64 {
+        let Some((tick, at_ns)) = self.last else { return 0 };
+        let steps = next.tick.saturating_sub(tick);
+        if steps < 2 || next.at_ns <= at_ns {
+            return 0;
+        }
+        let period_ns = (next.at_ns - at_ns) as f64 / steps as f64;
+        // The steps, from the last sample, that are due before a time.
+        let before = |time_ns: u64| {
+            let steps_before = (time_ns as f64 - at_ns as f64) / period_ns;
+            ((steps_before - 1e-6).ceil() - 1.0).clamp(0.0, (steps - 1) as f64) as u64
+        };
+        before(until_ns).saturating_sub(before(from_ns))
+    }
+
+    /// Samples of a session that are missing before its end: up to the next sample, or, where none
+    /// has come, at the usual distance.
+    fn missing_at_end(&self, playing: &PlayedSegment, ended_ns: u64) -> u64 {
+        let Some((tick, at_ns)) = self.last else { return 0 };
+        let next = self.waiting.front().copied().or_else(|| {
+            let steps = ended_ns.saturating_sub(at_ns).checked_div(self.period_ns)? + 1;
+            let (tick, at_ns) = (tick + steps, at_ns + steps * self.period_ns);
+            Some(Effort { tick, at_ns, ..Effort::default() })
+        });
+        next.map_or(0, |next| self.missing_before(&next, playing.begun_ns, ended_ns))
     }
 
     /// Ends the segment, and begins the next.
@@ -248,6 +287,7 @@ impl SessionTracker {
                 self.report_planned_end(&playing, edge.at_ns);
             }
             if let Some(number) = playing.session {
+                self.sums.missed += self.missing_at_end(&playing, edge.at_ns);
                 self.end_session(&playing, number, edge);
             }
         }
@@ -257,11 +297,16 @@ impl SessionTracker {
             // No further sample belongs to the protocol, and the bar vanishes.
             self.waiting.clear();
             self.shown = Shown::default();
-            if let Some(playing) = before {
-                let over = PlayedSegment { session: None, ..playing };
-                let report = self.performance(&over, edge.at_ns);
-                self.report(SessionReport::Performance(report));
-            }
+            // Also where a protocol that is resumed ends before it goes on: its light was green.
+            let over = PlayedSegment {
+                segment: before.map_or(0, |playing| playing.segment),
+                begun_ns: before.map_or(edge.at_ns, |playing| playing.begun_ns),
+                planned_s: before.map_or(0.0, |playing| playing.planned_s),
+                session: None,
+                rest: false,
+            };
+            let report = self.performance(&over, edge.at_ns);
+            self.report(SessionReport::Performance(report));
             return;
         };
         if let Some(number) = next.session {
@@ -273,7 +318,7 @@ impl SessionTracker {
                 visible: self.plan.matched.is_some() && self.state.has_target(),
                 ..Shown::default()
             };
-            self.report(SessionReport::Started(number));
+            self.report(SessionReport::Started(number, next.segment));
             self.step(SessionStep::Begun);
         } else if next.rest {
             self.shown = Shown::default();
@@ -323,7 +368,7 @@ impl SessionTracker {
     /// end a little earlier: the last update of its bar belongs to it.
     fn report_planned_end(&mut self, playing: &PlayedSegment, ended_ns: u64) {
         let planned = (1e9 * playing.planned_s / REPORT_NS as f64).round() as u64;
-        if playing.session.is_none() || self.reported + 1 != planned {
+        if playing.session.is_none() || self.reported >= planned {
             return;
         }
         self.update_bar(playing, planned);

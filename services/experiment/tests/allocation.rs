@@ -147,7 +147,7 @@ fn sessions_allocate_and_free_nothing_in_the_loop() {
         rest: session.is_none(),
     };
     let (mut total, mut reports) = (0, 0);
-    counted(&mut total, || tracker.begin(plan, Some(&state)));
+    counted(&mut total, || tracker.begin(1, plan, Some(&state)));
     for (at, session) in [(0, Some(1)), (1, None), (2, Some(2)), (3, None)] {
         let next = segment(at, session);
         let outcome = SessionOutcome::Whole;

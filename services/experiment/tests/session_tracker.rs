@@ -62,7 +62,7 @@ fn play(
         matched: signal.map(|signal| Matched { signal, axis: 0 }),
     };
     let mut tracker = SessionTracker::default();
-    tracker.begin(plan, None);
+    tracker.begin(1, plan, None);
     let end_ns =
         segments.last().map_or(BEGIN, |last| last.begun_ns + (last.planned_s * 1e9) as u64);
     let mut played = Played {
@@ -91,9 +91,9 @@ fn play(
         while let Some(report) = tracker.take_report() {
             match report {
                 SessionReport::Performance(message) => played.performance.push(message),
-                SessionReport::Started(number) => played.started.push(number),
+                SessionReport::Started(number, _) => played.started.push(number),
                 SessionReport::Ended(result) => played.results.push(result),
-                SessionReport::Step(step) => played.state.take(step),
+                SessionReport::Step(_, step) => played.state.take(step),
             }
         }
         if now_ns > end_ns + SECOND {
@@ -258,7 +258,7 @@ fn an_interrupted_session_is_counted_again_and_a_stopped_one_gives_no_target() {
     let plan =
         SessionPlan { sessions: 2, matched: Some(Matched { signal: Signal::Torque, axis: 0 }) };
     let mut tracker = SessionTracker::default();
-    tracker.begin(plan, None);
+    tracker.begin(1, plan, None);
     let session = |begun_ns| PlayedSegment {
         segment: 0,
         begun_ns,
@@ -298,7 +298,7 @@ fn an_interrupted_session_is_counted_again_and_a_stopped_one_gives_no_target() {
     let found: Vec<_> = results.iter().map(|r| (r.outcome, r.samples, r.samples_missed)).collect();
     let (interrupted, stopped) =
         (SessionOutcome::Interrupted.code(), SessionOutcome::Stopped.code());
-    assert_eq!(found, [(interrupted, 3010, 1990), (stopped, 600, 0)]);
+    assert_eq!(found, [(interrupted, 3010, 1990), (stopped, 600, 20)]);
     assert!(!tracker.state().has_target());
 }
 
@@ -316,7 +316,7 @@ fn a_protocol_that_is_resumed_keeps_target_and_values() {
     let plan =
         SessionPlan { sessions: 4, matched: Some(Matched { signal: Signal::Torque, axis: 0 }) };
     let mut tracker = SessionTracker::default();
-    tracker.begin(plan, Some(&state));
+    tracker.begin(1, plan, Some(&state));
     let rest =
         PlayedSegment { segment: 3, begun_ns: SECOND, planned_s: 9.0, session: None, rest: true };
     tracker.pass_edge(SECOND, SessionOutcome::Interrupted, Some(rest));
@@ -343,7 +343,7 @@ fn a_session_that_the_scanners_clock_ends_early_has_its_last_update() {
     let plan =
         SessionPlan { sessions: 1, matched: Some(Matched { signal: Signal::Torque, axis: 0 }) };
     let mut tracker = SessionTracker::default();
-    tracker.begin(plan, None);
+    tracker.begin(1, plan, None);
     let session =
         PlayedSegment { segment: 0, begun_ns: 0, planned_s: 5.0, session: Some(1), rest: false };
     let centring = PlayedSegment {

@@ -2,14 +2,12 @@
 
 use std::collections::VecDeque;
 
-use ipc_types::{AXES, Light, Performance};
+use ipc_types::{AXES, BAR_MIDDLE, Light, Performance};
 use rand::SeedableRng;
 use rand_distr::{Distribution, Normal};
 use rand_pcg::Pcg64Mcg;
 use rig::{Hand, HandKind};
 
-/// Height of a bar whose target is met.
-const MIDDLE: f64 = 10.0;
 /// Least and largest effort, in relation to that with which the first session begins.
 const EFFORT: (f64, f64) = (0.1, 4.0);
 /// What is seen and not yet reacted to; a bar is updated twice a second at most.
@@ -102,7 +100,7 @@ impl Subject {
                 Sight::Green => self.moving = Some((now_ns, None)),
                 Sight::Red => self.moving = None,
                 Sight::Bar(height) => {
-                    let error = (MIDDLE - height) / MIDDLE;
+                    let error = (BAR_MIDDLE - height) / BAR_MIDDLE;
                     let scatter = Normal::new(0.0, self.hand.variability)
                         .map_or(0.0, |normal| normal.sample(&mut self.generator));
                     self.effort *= (self.hand.correction * error + scatter).exp();

@@ -7,7 +7,9 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, bail};
 use ipc_types::{LoggerRequest, SessionProgress};
+use recorder::WantedSession;
 use rig::protocol::Protocol;
+use runtime::clock::now_ns;
 
 use crate::RigLink;
 
@@ -24,8 +26,14 @@ pub type Written = anyhow::Result<PathBuf>;
 /// meanwhile.
 #[derive(Debug)]
 pub struct SessionFiles {
+    /// Sessions of the protocol, and those whose files were asked for.
+    sessions: u32,
     over: u32,
-    sender: Sender<(u32, Duration)>,
+    /// Only sessions that began since then are this run's (ns, CLOCK_MONOTONIC).
+    since_ns: u64,
+    /// Whether the protocol was seen to be played.
+    begun: bool,
+    sender: Sender<(WantedSession, Duration)>,
     thread: JoinHandle<Vec<Written>>,
 }
 
@@ -49,34 +57,47 @@ impl SessionFiles {
             let taken = recorder::session_path(name, number as u32);
             bail!("--mat: {} is there already; files are never overwritten", taken.display());
         }
-        let (sender, receiver) = channel::<(u32, Duration)>();
+        let (sender, receiver) = channel::<(WantedSession, Duration)>();
         let (recording, name) = (PathBuf::from(recording), name.to_owned());
         let thread = std::thread::spawn(move || {
             let mut written = Vec::new();
-            while let Ok((number, limit)) = receiver.recv() {
-                written.extend(write(&recording, number, &name, limit).transpose());
+            while let Ok((wanted, limit)) = receiver.recv() {
+                written.extend(write(&recording, wanted, &name, limit).transpose());
             }
             written
         });
-        Ok(Self { over: 0, sender, thread })
+        let (sessions, since_ns) = (sessions as u32, now_ns());
+        Ok(Self { sessions, over: 0, since_ns, begun: false, sender, thread })
     }
 
     /// Writes the files of the sessions that have ended since the last call.
     pub fn see(&mut self, sessions: Option<&SessionProgress>) {
-        let over = sessions.map_or(0, |sessions| sessions.over);
+        self.begun |= sessions.is_some();
+        self.ask_for_all(sessions.map_or(0, |sessions| sessions.over));
+    }
+
+    /// Asks for the files of all sessions up to a number.
+    fn ask_for_all(&mut self, over: u32) {
         for number in self.over + 1..=over {
-            // The thread lives for as long as this end of the channel.
-            let _ = self.sender.send((number, WRITTEN_LIMIT));
+            self.ask_for(number, true, WRITTEN_LIMIT);
         }
         self.over = self.over.max(over);
     }
 
+    fn ask_for(&self, number: u32, whole: bool, limit: Duration) {
+        let wanted = WantedSession { number, since_ns: self.since_ns, whole };
+        // The thread lives for as long as this end of the channel.
+        let _ = self.sender.send((wanted, limit));
+    }
+
     /// Waits for the files; also that of a session in which the protocol ended.
-    pub fn finish(self, completed: bool) -> Vec<Written> {
-        let Self { over, sender, thread } = self;
-        if !completed {
-            let _ = sender.send((over + 1, STOPPED_LIMIT));
+    pub fn finish(mut self, completed: bool) -> Vec<Written> {
+        if completed {
+            self.ask_for_all(self.sessions);
+        } else if self.begun {
+            self.ask_for(self.over + 1, false, STOPPED_LIMIT);
         }
+        let Self { sender, thread, .. } = self;
         drop(sender);
         thread.join().unwrap_or_else(|_| {
             vec![Err(anyhow::anyhow!("--mat: the thread that writes the files failed"))]
@@ -88,22 +109,23 @@ impl SessionFiles {
 /// stopped has none.
 fn write(
     recording: &Path,
-    number: u32,
+    wanted: WantedSession,
     name: &Path,
     limit: Duration,
 ) -> anyhow::Result<Option<PathBuf>> {
     let begun = Instant::now();
     loop {
-        if let Some(path) = recorder::write_session(recording, number, name)? {
+        if let Some(path) = recorder::write_session(recording, wanted, name)? {
             return Ok(Some(path));
         }
         if begun.elapsed() > limit {
-            if limit == STOPPED_LIMIT {
+            if !wanted.whole {
                 return Ok(None);
             }
             bail!(
-                "session {number} is not in {} after {} s; `farreach rec export --to mat` writes \
+                "session {} is not in {} after {} s; `farreach rec export --to mat` writes \
                  its file later",
+                wanted.number,
                 recording.display(),
                 limit.as_secs()
             );

@@ -168,8 +168,9 @@ pub enum Command {
 pub enum ExportFormat {
     /// Comma-separated values with a header.
     Csv,
-    /// MATLAB, version 5: a file for each session, `OUT1.mat`, `OUT2.mat`, …; `OUT.mat` for a
-    /// recording without sessions. All signals with names and units, events, the subject's bar.
+    /// MATLAB, version 5: a file for each session, `OUT1.mat`, `OUT2.mat`, … (`OUT1_1.mat`, … of
+    /// a recording with several runs); `OUT.mat` for a recording without sessions. All signals
+    /// with names and units, events, the subject's bar.
     Mat,
 }
 

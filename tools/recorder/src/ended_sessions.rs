@@ -1,19 +1,26 @@
 //! The sessions of a recording that have ended.
 
-use ipc_types::{Event, EventKind, Process, SESSION, SessionResult, event_topic};
-use recording::mcap_read::{ReadError, Recording};
+use ipc_types::{Event, EventKind, Process, SESSION, SessionOutcome, SessionResult, event_topic};
+use recording::mcap_read::Recording;
 
 /// A session that has ended, with the name of its segment.
 #[derive(Debug)]
 pub(crate) struct EndedSession {
     pub(crate) result: SessionResult,
     pub(crate) label: String,
+    /// Number of the run of a protocol that it belongs to, from 1, in the recording.
+    pub(crate) run: usize,
 }
 
 impl EndedSession {
     /// Its number in its protocol, from 1.
     pub(crate) const fn number(&self) -> u32 {
         self.result.number
+    }
+
+    /// Whether it ended so.
+    pub(crate) fn is(&self, outcome: SessionOutcome) -> bool {
+        self.result.outcome == outcome.code()
     }
 }
 
@@ -22,10 +29,7 @@ fn messages_of<T: ipc_types::Message>(
     recording: &Recording,
     topic: &str,
 ) -> anyhow::Result<Vec<T>> {
-    let messages = match recording.messages::<T>(topic) {
-        Err(ReadError::NoTopic { .. }) => return Ok(Vec::new()),
-        messages => messages?,
-    };
+    let messages = recording.messages_if_any::<T>(topic)?;
     messages.map(|message| Ok(message?.message)).collect()
 }
 
@@ -45,8 +49,16 @@ pub(crate) fn ended_sessions(recording: &Recording) -> anyhow::Result<Vec<EndedS
         let newest = names.max_by_key(|event| event.time_ns);
         newest.map_or_else(String::new, |event| event.text().to_owned())
     };
-    let ended = |result| EndedSession { label: label(&result), result };
-    Ok(results.into_iter().map(ended).collect())
+    let mut sessions: Vec<EndedSession> = Vec::with_capacity(results.len());
+    for result in results {
+        // Within a run only a session that was interrupted comes again.
+        let run = sessions.last().map_or(1, |last| {
+            let again = result.number == last.number() && last.is(SessionOutcome::Interrupted);
+            last.run + usize::from(result.number <= last.number() && !again)
+        });
+        sessions.push(EndedSession { label: label(&result), run, result });
+    }
+    Ok(sessions)
 }
 
 /// The events that name segments.

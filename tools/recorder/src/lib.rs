@@ -65,7 +65,7 @@ mod volumes;
 use std::io::Write;
 
 pub use args::{Command, ExportFormat, LengthUnit};
-pub use mat::{session_path, write_session};
+pub use mat::{WantedSession, session_path, write_session};
 use output::Output;
 use recording::mcap_read::Recording;
 use scanner::Series;

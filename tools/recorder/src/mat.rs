@@ -5,22 +5,24 @@
 //! when, how it ended, and the texts of rig and protocol), `events`, and `bar`, every update of the
 //! subject's bar.
 
+use std::collections::BTreeMap;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use anyhow::bail;
 use ipc_types::{
-    BARS, Event, EventKind, Message, PERFORMANCE, PROCESSES, Performance, SAMPLE, Sample,
-    SessionOutcome, event_topic,
+    BARS, Event, EventKind, PERFORMANCE, PROCESSES, Performance, SAMPLE, Sample, SessionOutcome,
+    event_topic,
 };
-use recording::mcap_read::{ReadError, Recording};
+use recording::mcap_read::Recording;
 use recording::mcap_write::key;
+use rig::RigFile;
 
+use crate::DATA_LOST;
 use crate::ended_sessions::{EndedSession, ended_sessions};
 use crate::mat_file::{Value, encode};
-use crate::output::write_new;
+use crate::output::{none_exists, write_new};
 use crate::signals::{Signal, rig_file, signals};
-use crate::{DATA_LOST, DONE};
 
 /// A stretch of a recording.
 struct Stretch<'a> {
@@ -29,67 +31,112 @@ struct Stretch<'a> {
     session: Option<&'a EndedSession>,
 }
 
-/// Writes `NAME1.mat`, `NAME2.mat`, … for the sessions of a recording, or `NAME.mat` for one
-/// without; nothing where one of the files is there already.
+/// Writes `NAME1.mat`, `NAME2.mat`, … for the sessions of a recording, `NAME1_1.mat`, … where it
+/// has several runs, or `NAME.mat` where it has none; nothing where one of the files is there
+/// already.
 pub(crate) fn export(file: &Path, name: &Path, out: &mut dyn Write) -> anyhow::Result<i32> {
     let recording = Recording::open(file)?;
     let sessions = ended_sessions(&recording)?;
-    let last_of = |number: u32| sessions.iter().rev().find(|session| session.number() == number);
-    let mut numbers: Vec<u32> = sessions.iter().map(EndedSession::number).collect();
-    numbers.sort_unstable();
-    numbers.dedup();
-    let mut stretches: Vec<(PathBuf, Stretch<'_>)> = numbers
+    let chosen = one_of_each(&sessions);
+    let several = sessions.last().is_some_and(|last| last.run > 1);
+    let mut stretches: Vec<(PathBuf, Stretch<'_>)> = chosen
         .into_iter()
-        .filter_map(|number| Some((path_of(name, Some(number)), Stretch::of(last_of(number)?))))
+        .map(|session| {
+            let run = several.then_some(session.run);
+            (path_of(name, run, Some(session.number())), Stretch::of(session))
+        })
         .collect();
     if stretches.is_empty() {
         let whole = Stretch { begun_ns: 0, ended_ns: u64::MAX, session: None };
-        stretches.push((path_of(name, None), whole));
+        stretches.push((path_of(name, None, None), whole));
     }
-    if let Some((taken, _)) = stretches.iter().find(|(path, _)| path.exists()) {
-        bail!("{}: it is there already; files are never overwritten", taken.display());
-    }
+    let paths: Vec<&Path> = stretches.iter().map(|(path, _)| path.as_path()).collect();
+    none_exists(&paths)?;
     let mut code = crate::exit_code_of_tail(&recording);
     for (path, stretch) in &stretches {
-        let samples = write(&recording, stretch, path)?;
+        let data = Samples::read(&recording, stretch)?;
+        let samples = data.times_ns.len();
+        write(&recording, stretch, data, path)?;
         writeln!(out, "{}: {samples} samples", path.display())?;
         let lost = |session: &EndedSession| session.result.samples_missed > 0;
         if stretch.session.is_some_and(lost) {
             code = DATA_LOST;
         }
     }
-    if code == DONE && sessions.len() > stretches.len() {
-        writeln!(out, "of sessions that were repeated the last one")?;
+    let left_out = sessions.len().saturating_sub(stretches.len());
+    if left_out > 0 {
+        writeln!(out, "{left_out} left out, as they were interrupted and begun again")?;
     }
     Ok(code)
 }
 
-/// Writes the file of one session, the last of that number that ended; returns its path, and `None`
-/// where the recording does not have the session yet.
+/// One session of each number in each run: the whole one, else the last.
+fn one_of_each(sessions: &[EndedSession]) -> Vec<&EndedSession> {
+    let mut chosen: Vec<&EndedSession> = Vec::new();
+    for session in sessions {
+        match chosen.last_mut() {
+            Some(last) if (last.run, last.number()) == (session.run, session.number()) => {
+                *last = session;
+            }
+            _ => chosen.push(session),
+        }
+    }
+    chosen
+}
+
+/// Which session [`write_session`] writes.
+#[derive(Clone, Copy, Debug)]
+pub struct WantedSession {
+    /// Its number in its protocol, from 1.
+    pub number: u32,
+    /// It began at this time or later (ns, CLOCK_MONOTONIC).
+    pub since_ns: u64,
+    /// Whether it ran to its end; otherwise one that was stopped will do.
+    pub whole: bool,
+}
+
+/// Writes the file of one session; returns its path, and `None` where the recording does not have
+/// the session, or all of its samples, yet.
 ///
 /// # Errors
 /// Where the recording cannot be read, or the file is there already.
-pub fn write_session(file: &Path, number: u32, name: &Path) -> anyhow::Result<Option<PathBuf>> {
+pub fn write_session(
+    file: &Path,
+    wanted: WantedSession,
+    name: &Path,
+) -> anyhow::Result<Option<PathBuf>> {
     let recording = Recording::open(file)?;
     let sessions = ended_sessions(&recording)?;
-    let Some(session) = sessions.iter().rev().find(|session| session.number() == number) else {
-        return Ok(None);
+    let fits = |session: &&EndedSession| {
+        session.number() == wanted.number
+            && session.result.begun_ns >= wanted.since_ns
+            && (session.is(SessionOutcome::Whole)
+                || session.is(SessionOutcome::Stopped) && !wanted.whole)
     };
-    let path = path_of(name, Some(number));
-    write(&recording, &Stretch::of(session), &path)?;
+    let Some(session) = sessions.iter().find(fits) else { return Ok(None) };
+    let stretch = Stretch::of(session);
+    let data = Samples::read(&recording, &stretch)?;
+    if !data.beyond {
+        return Ok(None);
+    }
+    let path = session_path(name, wanted.number);
+    write(&recording, &stretch, data, &path)?;
     Ok(Some(path))
 }
 
 /// The file of a session: `NAME` with its number and `.mat`.
 pub fn session_path(name: &Path, number: u32) -> PathBuf {
-    path_of(name, Some(number))
+    path_of(name, None, Some(number))
 }
 
-/// `NAME` or `NAME.mat` with a number before the extension.
-fn path_of(name: &Path, number: Option<u32>) -> PathBuf {
+/// `NAME` or `NAME.mat` with the numbers of run and session before the extension.
+fn path_of(name: &Path, run: Option<usize>, number: Option<u32>) -> PathBuf {
     let mut text = name.as_os_str().to_owned();
     if name.extension().is_some_and(|extension| extension == "mat") {
         text = name.with_extension("").into_os_string();
+    }
+    if let Some(run) = run {
+        text.push(format!("{run}_"));
     }
     if let Some(number) = number {
         text.push(number.to_string());
@@ -109,24 +156,48 @@ impl<'a> Stretch<'a> {
     }
 }
 
-/// Writes one file; returns the number of samples.
-fn write(recording: &Recording, stretch: &Stretch<'_>, path: &Path) -> anyhow::Result<usize> {
-    let rig = rig_file(recording)?;
-    let signals = signals(&rig);
-    let (mut times_ns, mut columns) = (Vec::new(), vec![Vec::new(); signals.len()]);
-    for message in recording.messages::<Sample>(SAMPLE.topic.name)? {
-        let sample = message?.message;
-        let repeated = times_ns.last().is_some_and(|last| sample.scan_time_ns <= *last);
-        if repeated || !stretch.holds(sample.scan_time_ns) {
-            continue;
+/// The samples of a stretch: a column for each signal.
+struct Samples {
+    rig: RigFile,
+    signals: Vec<Signal>,
+    times_ns: Vec<u64>,
+    columns: Vec<Vec<f64>>,
+    /// Whether a sample after the stretch is there, and so all of its own that there will be.
+    beyond: bool,
+}
+
+impl Samples {
+    fn read(recording: &Recording, stretch: &Stretch<'_>) -> anyhow::Result<Self> {
+        let rig = rig_file(recording)?;
+        let signals = signals(&rig);
+        let (mut times_ns, mut columns) = (Vec::new(), vec![Vec::new(); signals.len()]);
+        let mut beyond = false;
+        for message in recording.messages::<Sample>(SAMPLE.topic.name)? {
+            let sample = message?.message;
+            beyond |= sample.scan_time_ns >= stretch.ended_ns;
+            let repeated = times_ns.last().is_some_and(|last| sample.scan_time_ns <= *last);
+            if repeated || !stretch.holds(sample.scan_time_ns) {
+                continue;
+            }
+            times_ns.push(sample.scan_time_ns);
+            for (column, signal) in columns.iter_mut().zip(&signals) {
+                column.push(signal.value(&sample));
+            }
         }
-        times_ns.push(sample.scan_time_ns);
-        for (column, signal) in columns.iter_mut().zip(&signals) {
-            column.push(signal.value(&sample));
-        }
+        Ok(Self { rig, signals, times_ns, columns, beyond })
     }
+}
+
+/// Writes one file.
+fn write(
+    recording: &Recording,
+    stretch: &Stretch<'_>,
+    data: Samples,
+    path: &Path,
+) -> anyhow::Result<()> {
+    let Samples { rig, signals, times_ns, columns, .. } = data;
     let Some(first_ns) = times_ns.first().copied() else {
-        bail!("{}: no samples in it", recording.path().display());
+        bail!("{}: no samples for {}", recording.path().display(), path.display());
     };
     let begun_ns = if stretch.session.is_some() { stretch.begun_ns } else { first_ns };
     let seconds = |at_ns: u64| (at_ns as f64 - begun_ns as f64) * 1e-9;
@@ -144,13 +215,17 @@ fn write(recording: &Recording, stretch: &Stretch<'_>, path: &Path) -> anyhow::R
     ];
     let version = recording.metadata(key::VERSION).unwrap_or("?");
     let description = format!("MATLAB 5.0 MAT-file, written by farreach {version}");
-    write_new(path, encode(&description, &variables)?)?;
-    Ok(samples)
+    write_new(path, encode(&description, &variables)?)
 }
 
 /// Who, what, when, and how it ended.
 fn info(recording: &Recording, stretch: &Stretch<'_>, rate_hz: u32, begun_ns: u64) -> Value {
-    let run = recording.runs().last();
+    // The protocol that was begun last before the stretch.
+    let begun_before = |run: &&BTreeMap<String, String>| {
+        let at_ns = run.get(key::TIME_NS).and_then(|at_ns| at_ns.parse::<u64>().ok());
+        stretch.session.is_none() || at_ns.is_none_or(|at_ns| at_ns <= stretch.begun_ns)
+    };
+    let run = recording.runs().filter(begun_before).last();
     let of = |name: &str| {
         let entry = run.and_then(|run| run.get(name).map(String::as_str));
         entry.or_else(|| recording.metadata(name)).unwrap_or_default()
@@ -188,22 +263,6 @@ fn info(recording: &Recording, stretch: &Stretch<'_>, rate_hz: u32, begun_ns: u6
     Value::Structure(fields)
 }
 
-/// The messages of a topic, where the recording has it.
-fn each<T: Message>(
-    recording: &Recording,
-    topic: &str,
-    mut take: impl FnMut(T),
-) -> anyhow::Result<()> {
-    let messages = match recording.messages::<T>(topic) {
-        Err(ReadError::NoTopic { .. }) => return Ok(()),
-        messages => messages?,
-    };
-    for message in messages {
-        take(message?.message);
-    }
-    Ok(())
-}
-
 /// The events of all processes in the stretch, in the order of time.
 fn events(
     recording: &Recording,
@@ -212,11 +271,12 @@ fn events(
 ) -> anyhow::Result<Value> {
     let mut found: Vec<Event> = Vec::new();
     for topic in PROCESSES.iter().filter_map(|entry| event_topic(entry.process)) {
-        each(recording, topic.topic.name, |event: Event| {
+        for message in recording.messages_if_any::<Event>(topic.topic.name)? {
+            let event = message?.message;
             if stretch.holds(event.time_ns) {
                 found.push(event);
             }
-        })?;
+        }
     }
     found.sort_by_key(|event| event.time_ns);
     found.dedup_by_key(|event| (event.incarnation, event.sequence, event.source));
@@ -239,7 +299,8 @@ fn bar(
     seconds: impl Fn(u64) -> f64,
 ) -> anyhow::Result<Value> {
     let mut updates: Vec<Performance> = Vec::new();
-    each(recording, PERFORMANCE.topic.name, |shown: Performance| {
+    for message in recording.messages_if_any::<Performance>(PERFORMANCE.topic.name)? {
+        let shown = message?.message;
         let same =
             |last: &Performance| (last.begun_ns, last.update) == (shown.begun_ns, shown.update);
         // The last update coincides with the end of its session.
@@ -250,7 +311,7 @@ fn bar(
         if within && shown.update > 0 && !updates.last().is_some_and(same) {
             updates.push(shown);
         }
-    })?;
+    }
     let bars = stretch.session.map_or(BARS, |session| usize::from(session.result.bars)).min(BARS);
     let of = |values: fn(&Performance) -> &[f64; BARS]| {
         let one = |at: usize| updates.iter().map(|shown| values(shown)[at]).collect();

@@ -3,7 +3,15 @@
 use std::io::{self, Write};
 use std::path::Path;
 
-use anyhow::Context;
+use anyhow::{Context, bail};
+
+/// Refuses where one of the files to be written is there already, before any is written.
+pub(crate) fn none_exists(paths: &[&Path]) -> anyhow::Result<()> {
+    match paths.iter().find(|path| path.exists()) {
+        Some(path) => bail!("{}: it is there already; files are never overwritten", path.display()),
+        None => Ok(()),
+    }
+}
 
 /// Writes a file whole or not at all.
 pub(crate) fn write_new(path: &Path, contents: impl AsRef<[u8]>) -> anyhow::Result<()> {

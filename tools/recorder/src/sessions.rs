@@ -5,12 +5,12 @@ use std::path::Path;
 
 use anyhow::bail;
 use ipc_types::{AXES, COMMAND, Mode, MotorCommand, SAMPLE, Sample, SessionOutcome};
-use recording::mcap_read::{ReadError, Recording};
+use recording::mcap_read::Recording;
 use serde::Serialize;
 
 use crate::ended_sessions::{EndedSession, ended_sessions};
 use crate::inspect::grouped;
-use crate::output::write_new;
+use crate::output::{none_exists, write_new};
 use crate::sessions_figure;
 use crate::{DATA_LOST, DONE};
 
@@ -67,10 +67,15 @@ pub(crate) fn sessions(
     out: &mut dyn Write,
 ) -> anyhow::Result<i32> {
     let recording = Recording::open(file)?;
+    let paths: Vec<&Path> = table.into_iter().chain(figure).collect();
+    none_exists(&paths)?;
     let ended = ended_sessions(&recording)?;
-    if let Some(path) = figure.filter(|_| !ended.is_empty()) {
-        write_new(path, sessions_figure::figure(&recording, &ended)?.render_svg()?)?;
-    }
+    let figure = match figure {
+        Some(path) if !ended.is_empty() => {
+            Some((path, sessions_figure::figure(&recording, &ended)?.render_svg()?))
+        }
+        _ => None,
+    };
     let mut readings: Vec<Reading> = ended.into_iter().map(Reading::new).collect();
     if readings.is_empty() {
         bail!(
@@ -86,8 +91,13 @@ pub(crate) fn sessions(
     if let Some(path) = table {
         write_new(path, as_csv(&sessions)?)?;
     }
+    if let Some((path, figure)) = figure {
+        write_new(path, figure)?;
+    }
     let incomplete = |session: &Session| {
-        session.samples_missed > 0 || session.outcome != SessionOutcome::Whole.text()
+        session.samples_missed > 0
+            || session.outcome != SessionOutcome::Whole.text()
+            || session.sums_differ_by.is_some_and(|share| share > ROUNDING)
     };
     let code = if sessions.iter().any(incomplete) { DATA_LOST } else { DONE };
     if json {
@@ -106,10 +116,7 @@ fn at(readings: &mut [Reading], at_ns: u64) -> Option<&mut Reading> {
 
 /// Adds the references that position control followed.
 fn add_references(recording: &Recording, readings: &mut [Reading]) -> anyhow::Result<()> {
-    let messages = match recording.messages::<MotorCommand>(COMMAND.topic.name) {
-        Err(ReadError::NoTopic { .. }) => return Ok(()),
-        messages => messages?,
-    };
+    let messages = recording.messages_if_any::<MotorCommand>(COMMAND.topic.name)?;
     for message in messages {
         let command = message?.message;
         let followed = Mode::from_code(command.mode).is_some_and(Mode::moves);
@@ -126,10 +133,7 @@ fn add_references(recording: &Recording, readings: &mut [Reading]) -> anyhow::Re
 
 /// Adds the samples: sums of the torque again, and errors against the references.
 fn add_samples(recording: &Recording, readings: &mut [Reading]) -> anyhow::Result<()> {
-    let messages = match recording.messages::<Sample>(SAMPLE.topic.name) {
-        Err(ReadError::NoTopic { .. }) => return Ok(()),
-        messages => messages?,
-    };
+    let messages = recording.messages_if_any::<Sample>(SAMPLE.topic.name)?;
     let mut last_tick = None;
     for message in messages {
         let sample = message?.message;

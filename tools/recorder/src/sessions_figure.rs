@@ -1,7 +1,8 @@
 //! The figure of `sessions`: what the subject had to match, and what it did.
 
+use anyhow::bail;
 use ipc_types::{BARS, Light, PERFORMANCE, Performance};
-use recording::mcap_read::{ReadError, Recording};
+use recording::mcap_read::Recording;
 use report::{Colour, Figure};
 
 use crate::ended_sessions::EndedSession;
@@ -13,19 +14,19 @@ const BAR: [(Colour, &str); BARS] =
 /// The bars' values at each update, and the targets, over the time since the first session began.
 ///
 /// # Errors
-/// Those of reading.
+/// Those of reading, and where the sessions have no bar.
 pub(crate) fn figure(recording: &Recording, sessions: &[EndedSession]) -> anyhow::Result<Figure> {
     let bars = sessions.iter().map(|session| usize::from(session.result.bars)).max().unwrap_or(0);
     let bars = bars.min(BARS);
+    if bars == 0 {
+        bail!("--figure: these sessions match nothing, and have no bar to draw");
+    }
     let what = if bars == 2 { "muscle activity" } else { "mean torque so far" };
     let mut figure = Figure::new("Sessions", "time since the first began / s", what).size(900, 320);
     let began_ns = sessions.first().map_or(0, |session| session.result.begun_ns);
     let seconds = |at_ns: u64| (at_ns as f64 - began_ns as f64) * 1e-9;
     let mut updates: Vec<Performance> = Vec::new();
-    let messages = match recording.messages::<Performance>(PERFORMANCE.topic.name) {
-        Err(ReadError::NoTopic { .. }) => return Ok(figure),
-        messages => messages?,
-    };
+    let messages = recording.messages_if_any::<Performance>(PERFORMANCE.topic.name)?;
     for message in messages {
         let shown = message?.message;
         let again = updates

@@ -6,13 +6,13 @@ use std::path::Path;
 
 use anyhow::bail;
 use ipc_types::{LineEvent, SCANNER, ScannerPulse, VOLUME, Volume, VolumeSource};
-use recording::mcap_read::{ReadError, Recording};
+use recording::mcap_read::Recording;
 use report::{Colour, Figure};
 use scanner::{Counts, REPETITION_S, Series, TimingLine, VolumeTime, between, reconcile};
 use serde::Serialize;
 
 use crate::inspect::grouped;
-use crate::output::write_new;
+use crate::output::{none_exists, write_new};
 use crate::{DATA_LOST, DONE};
 
 /// Files to write beside the result.
@@ -79,6 +79,8 @@ pub(crate) fn volumes(
             file.display()
         );
     }
+    let paths: Vec<&Path> = files.table.into_iter().chain(files.figure).collect();
+    none_exists(&paths)?;
     if let Some(path) = files.table {
         write_new(path, table(&scans)?)?;
     }
@@ -99,10 +101,7 @@ pub(crate) fn volumes(
 
 /// The pulses of the trigger line, in the order of their times; none where the topic is missing.
 fn pulses(recording: &Recording) -> anyhow::Result<Vec<u64>> {
-    let messages = match recording.messages::<ScannerPulse>(SCANNER.topic.name) {
-        Err(ReadError::NoTopic { .. }) => return Ok(Vec::new()),
-        messages => messages?,
-    };
+    let messages = recording.messages_if_any::<ScannerPulse>(SCANNER.topic.name)?;
     let mut times = Vec::new();
     for message in messages {
         let pulse = message?.message;
@@ -132,10 +131,7 @@ fn numbered_anew(recording: &Recording, series: Series) -> anyhow::Result<Vec<Sc
 
 /// The scans that protocols counted, in the order of time.
 fn counted(recording: &Recording) -> anyhow::Result<Vec<Scan>> {
-    let messages = match recording.messages::<Volume>(VOLUME.topic.name) {
-        Err(ReadError::NoTopic { .. }) => return Ok(Vec::new()),
-        messages => messages?,
-    };
+    let messages = recording.messages_if_any::<Volume>(VOLUME.topic.name)?;
     // After a restart of the experiment process the newer message of a volume is right, and where
     // a later pulse took the place of an earlier one.
     let mut scans: Vec<BTreeMap<u64, Volume>> = Vec::new();

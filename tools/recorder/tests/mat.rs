@@ -11,7 +11,7 @@ use ipc_types::{
     Event, EventKind, Light, Message, PERFORMANCE, Performance, Process, SAMPLE, SESSION, Sample,
     SessionOutcome, SessionResult, Severity, event_topic,
 };
-use recorder::DONE;
+use recorder::{DONE, WantedSession};
 use recording::mcap_write::{Start, Writer, key};
 
 use common::{Folder, fails, rec};
@@ -39,8 +39,8 @@ fn sample(tick: u64) -> Sample {
     sample
 }
 
-/// 3 s at 2 kHz, with sessions of a second from 1 s and from 2 s on where they are wanted.
-fn write(path: &Path, sessions: bool) {
+/// 3 s at 2 kHz, with sessions of these numbers and of a second each, from 1 s and from 2 s on.
+fn write(path: &Path, numbers: &[u32]) {
     let rig = RIG.replacen("per_v = 1.0 ", "per_v = 2.0 ", 1);
     let start = Start { realtime_offset_ns: 1_700_000_000_000_000_000, ..Start::default() }
         .with(key::RIG, "hydrostatic")
@@ -52,13 +52,13 @@ fn write(path: &Path, sessions: bool) {
         writer.write_message(&SAMPLE, &sample(tick)).unwrap();
     }
     let event = event_topic(Process::Experiment).unwrap();
-    for number in 1..=if sessions { 2u32 } else { 0 } {
-        let begun_ns = u64::from(number) * 2000 * TICK_NS;
+    for (segment, number) in (1..).zip(numbers.iter().copied()) {
+        let begun_ns = u64::from(segment) * 2000 * TICK_NS;
         let kind = EventKind::SegmentStarted;
         let label = format!("session {number} of 2");
         let mut started = Event::new(Process::Experiment, kind, Severity::Info, &label);
-        (started.segment, started.a) = (number, f64::from(number));
-        started.stamp(11, 44, u64::from(number), begun_ns + 1);
+        (started.segment, started.a) = (segment, f64::from(segment));
+        started.stamp(11, 44, u64::from(segment), begun_ns + 1);
         writer.write_message(&event, &started).unwrap();
         for update in 0..=2u32 {
             let mut shown = Performance {
@@ -73,7 +73,7 @@ fn write(path: &Path, sessions: bool) {
                 light: Light::Green.code(),
                 ..Performance::default()
             };
-            shown.stamp(11, 44, u64::from(3 * number + update), shown.at_ns + 1);
+            shown.stamp(11, 44, u64::from(3 * segment + update), shown.at_ns + 1);
             writer.write_message(&PERFORMANCE, &shown).unwrap();
         }
         let mut result = SessionResult {
@@ -82,7 +82,7 @@ fn write(path: &Path, sessions: bool) {
             planned_s: 1.0,
             samples: 2000,
             number,
-            segment: number,
+            segment,
             sessions: 2,
             bars: 1,
             value: [0.25, 0.0],
@@ -90,7 +90,7 @@ fn write(path: &Path, sessions: bool) {
             outcome: SessionOutcome::Whole.code(),
             ..SessionResult::default()
         };
-        result.stamp(11, 44, u64::from(number), result.ended_ns);
+        result.stamp(11, 44, u64::from(segment), result.ended_ns);
         writer.write_message(&SESSION, &result).unwrap();
     }
     writer.finish(&[]).unwrap();
@@ -103,7 +103,7 @@ fn load(folder: &Folder, name: &str) -> Value {
 #[test]
 fn each_session_has_a_file_with_every_signal() {
     let folder = Folder::new();
-    write(&folder.path("run.mcap"), true);
+    write(&folder.path("run.mcap"), &[1, 2]);
     let (code, text) =
         rec(&["export", &folder.text("run.mcap"), "--to", "mat", "-o", &folder.text("S7_")]);
     assert_eq!(code, DONE);
@@ -161,7 +161,7 @@ fn each_session_has_a_file_with_every_signal() {
 #[test]
 fn a_recording_without_sessions_is_one_file() {
     let folder = Folder::new();
-    write(&folder.path("run.mcap"), false);
+    write(&folder.path("run.mcap"), &[]);
     let run = folder.text("run.mcap");
     let (code, _) = rec(&["export", &run, "--to", "mat", "-o", &folder.text("whole.mat")]);
     assert_eq!(code, DONE);
@@ -172,9 +172,20 @@ fn a_recording_without_sessions_is_one_file() {
 }
 
 #[test]
+fn several_runs_have_files_of_their_own() {
+    let folder = Folder::new();
+    write(&folder.path("run.mcap"), &[1, 1]);
+    let run = folder.text("run.mcap");
+    let (code, text) = rec(&["export", &run, "--to", "mat", "-o", &folder.text("S")]);
+    assert_eq!(code, DONE, "{text}");
+    let first = |name: &str| load(&folder, name).at("output").numbers()[0];
+    assert_eq!([first("S1_1.mat"), first("S2_1.mat")], [2000, 4000].map(|t| f64::from(t) * 1e-3));
+}
+
+#[test]
 fn nothing_is_overwritten_or_half_written() {
     let folder = Folder::new();
-    write(&folder.path("run.mcap"), true);
+    write(&folder.path("run.mcap"), &[1, 2]);
     let run = folder.text("run.mcap");
     fs::write(folder.path("S2.mat"), "precious").unwrap();
     let error = fails(&["export", &run, "--to", "mat", "-o", &folder.text("S")]);
@@ -192,10 +203,15 @@ fn nothing_is_overwritten_or_half_written() {
 #[test]
 fn one_session_at_a_time_as_soon_as_it_is_there() {
     let folder = Folder::new();
-    write(&folder.path("run.mcap"), true);
+    write(&folder.path("run.mcap"), &[1, 2]);
     let (run, name) = (folder.path("run.mcap"), folder.path("live"));
-    let written = recorder::write_session(&run, 1, &name).unwrap();
+    let wanted = |number, since_ns| WantedSession { number, since_ns, whole: true };
+    // Not one of an earlier run, none that is not there, none whose last samples are not yet there.
+    let later_ns = 1_500_000_000;
+    for missing in [wanted(1, later_ns), wanted(3, 0), wanted(2, 0)] {
+        assert_eq!(recorder::write_session(&run, missing, &name).unwrap(), None, "{missing:?}");
+    }
+    let written = recorder::write_session(&run, wanted(1, 0), &name).unwrap();
     assert_eq!(written, Some(folder.path("live1.mat")));
-    assert_eq!(recorder::write_session(&run, 3, &name).unwrap(), None);
-    assert!(recorder::write_session(&run, 1, &name).is_err(), "never overwritten");
+    assert!(recorder::write_session(&run, wanted(1, 0), &name).is_err(), "never overwritten");
 }

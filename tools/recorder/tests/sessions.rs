@@ -100,7 +100,12 @@ fn sessions_are_listed_with_their_targets_and_errors() {
                     mean_torque_0,target_0,value_0,tracking_error_rms_0";
     assert_eq!(rows.lines().next().unwrap(), expected);
     assert_eq!(rows.lines().count(), 3);
-    assert!(fails(&["sessions", &name, "-o", &table]).contains("never overwritten"));
+    let figure = folder.text("sessions.svg");
+    let both = ["sessions", &name, "-o", &table, "--figure", &figure];
+    assert!(fails(&both).contains("never overwritten"));
+    assert!(!folder.path("sessions.svg").exists(), "nothing is half done");
+    assert_eq!(rec(&["sessions", &name, "--figure", &figure]).0, DONE);
+    assert!(fs::read_to_string(&figure).unwrap().contains("mean torque so far"));
     let (_, text) = rec(&["sessions", &name, "--json"]);
     let json: serde_json::Value = serde_json::from_str(&text).unwrap();
     assert_eq!(

@@ -44,11 +44,12 @@ pub(super) struct Current {
 }
 
 impl Current {
-    /// The sessions so far; `None` for a protocol without.
-    fn progress(&self) -> Option<SessionProgress> {
+    /// The sessions so far; `None` for a protocol without. The result of the last one comes a few
+    /// milliseconds after the end of a protocol that is completed.
+    fn progress(&self, completed: bool) -> Option<SessionProgress> {
         let plan = self.program.sessions();
         (plan.sessions > 0).then(|| SessionProgress {
-            over: self.sessions.over,
+            over: if completed { plan.sessions } else { self.sessions.over },
             sessions: plan.sessions,
             target: plan.matched.map(|matched| self.sessions.target[..matched.bars()].to_vec()),
         })
@@ -119,7 +120,7 @@ impl RequestHandler {
             completed: reading.completed,
             permission_lost: self.permission_lost,
             scan: reading.scan,
-            sessions: self.current.as_ref().and_then(Current::progress),
+            sessions: self.current.as_ref().and_then(|c| c.progress(reading.completed)),
             error: self.trouble.clone(),
         }
     }

@@ -43,9 +43,9 @@ impl SessionPorts {
     }
 
     /// Goes on with the sessions of a protocol that is resumed.
-    pub(super) fn resume(&mut self, player: &Player, state: &SessionState) {
+    pub(super) fn resume(&mut self, player: &Player, order: u32, state: &SessionState) {
         if let Some(program) = player.program() {
-            self.tracker.begin(program.sessions(), Some(state));
+            self.tracker.begin(order, program.sessions(), Some(state));
         }
     }
 
@@ -63,11 +63,12 @@ impl SessionPorts {
         }
     }
 
-    /// Takes a change of the player's state, after the step that made it at `now_ns`.
-    pub(super) fn follow(&mut self, change: Change, player: &Player, now_ns: u64) {
+    /// Takes a change of the player's state, after the step that made it at `now_ns`; `order` is
+    /// the number of the order being played.
+    pub(super) fn follow(&mut self, change: Change, player: &Player, order: u32, now_ns: u64) {
         let Some(program) = player.program() else { return };
         if change == Change::Started {
-            self.tracker.begin(program.sessions(), None);
+            self.tracker.begin(order, program.sessions(), None);
             if let Some(muscles) = &mut self.muscles {
                 muscles.clear_artefact();
             }
@@ -84,19 +85,16 @@ impl SessionPorts {
         self.tracker.pass_edge(at_ns, outcome, next);
     }
 
-    /// Counts the samples up to `now_ns`, publishes what is new, and hands on what a restart needs,
-    /// with the number of the `order` being played.
+    /// Counts the samples up to `now_ns`, publishes what is new, and hands on what a restart needs.
     pub(super) fn publish(
         &mut self,
         now_ns: u64,
-        order: u32,
-        segment: u32,
         steps: &mut Producer<(u32, SessionStep)>,
         dropped: &Dropped,
         service: &mut Service,
     ) -> Result<(), PortError> {
         self.tracker.advance(now_ns);
-        let mut event = |kind, severity, text: &str, (a, b, c): (f64, f64, f64)| {
+        let mut event = |kind, severity, text: &str, segment, (a, b, c): (f64, f64, f64)| {
             let event = Event::new(Process::Experiment, kind, severity, text);
             service.publish(Event { a, b, c, segment, ..event })
         };
@@ -106,22 +104,23 @@ impl SessionPorts {
                 Some(SessionReport::Performance(performance)) => {
                     self.performance.send(performance)?;
                 }
-                Some(SessionReport::Started(number)) => {
+                Some(SessionReport::Started(number, segment)) => {
                     let values = (f64::from(number), f64::from(self.tracker.sessions()), 0.0);
-                    event(EventKind::SessionStarted, Severity::Info, "", values)?;
+                    event(EventKind::SessionStarted, Severity::Info, "", segment, values)?;
                 }
                 Some(SessionReport::Ended(result)) => {
                     self.results.send(result)?;
                     let outcome = SessionOutcome::from_code(result.outcome);
                     let outcome = outcome.unwrap_or(SessionOutcome::Stopped);
-                    let severity = match (outcome, result.samples_missed) {
-                        (SessionOutcome::Whole, 0) => Severity::Info,
+                    let severity = match (outcome, result.samples_missed, result.samples) {
+                        (SessionOutcome::Whole, 0, 1..) => Severity::Info,
                         _ => Severity::Warning,
                     };
                     let values = (f64::from(result.number), result.value[0], result.value[1]);
-                    event(EventKind::SessionOver, severity, outcome.text(), values)?;
+                    let segment = result.segment;
+                    event(EventKind::SessionOver, severity, outcome.text(), segment, values)?;
                 }
-                Some(SessionReport::Step(step)) => {
+                Some(SessionReport::Step(order, step)) => {
                     // The ring is full only if the request thread has hung for minutes; then a
                     // restart would resume with an earlier target.
                     if steps.push((order, step)).is_err() {

@@ -85,6 +85,22 @@ impl Recording {
         let raw = self.raw(Selection { channels: Some(ids), ..Selection::default() });
         Ok(Messages { raw, conversions, message: PhantomData })
     }
+
+    /// As [`Recording::messages`]; none where the recording does not have the topic.
+    ///
+    /// # Errors
+    /// [`ReadError::Schema`].
+    pub fn messages_if_any<T: Message>(
+        &self,
+        topic: &str,
+    ) -> Result<impl Iterator<Item = Result<Recorded<T>, ReadError>>, ReadError> {
+        match self.messages::<T>(topic) {
+            Ok(messages) => Ok(Some(messages)),
+            Err(ReadError::NoTopic { .. }) => Ok(None),
+            Err(error) => Err(error),
+        }
+        .map(|messages| messages.into_iter().flatten())
+    }
 }
 
 impl Iterator for RawMessages<'_> {
