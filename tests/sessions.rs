@@ -4,6 +4,8 @@
 
 mod common;
 
+use std::path::PathBuf;
+
 use emg::MuscleActivity;
 use ipc_types::{
     Event, EventKind, Light, PERFORMANCE, Performance, Process, SAMPLE, SESSION, Sample,
@@ -37,27 +39,33 @@ fn bar(value: f64, target: f64) -> f64 {
     (10.0 * value / target).min(19.0)
 }
 
-#[test]
-fn sessions_targets_and_bars_are_those_of_the_samples_though_the_process_is_killed() {
-    let rig = TestRig::patient("sessions");
-    let rig_file = rig.absolute_rig("hydrostatic");
+/// Records a matching experiment of one set with the shortest sessions, played with kills of the
+/// experiment process in these segments; returns the recording and the outcome.
+fn record(rig: &TestRig, arguments: &[&str], kills: &[u32]) -> (PathBuf, Value) {
     let file = rig.path("sessions.mcap");
-    let file_text = file.to_str().unwrap();
-    rig.ok(["up", "--simulate", "--rig", &rig_file, "--record", file_text]);
-    let arguments = [
-        "force-matching",
+    let rig_file = rig.absolute_rig("hydrostatic");
+    rig.ok(["up", "--simulate", "--rig", &rig_file, "--record", file.to_str().unwrap()]);
+    let short = [
         "--set=matching.sets=1",
         "--set=matching.session_s=5",
         "--set=matching.rest_s=10",
         "--emulate-scanner=1",
     ];
-    let outcome = play_with_kills(&rig, &arguments, &[REST_1, SESSION_2]);
+    let outcome = play_with_kills(rig, &[arguments, &short].concat(), kills);
+    rig.ok(["rec", "stop"]);
+    rig.down();
+    (file, outcome)
+}
+
+#[test]
+fn sessions_targets_and_bars_are_those_of_the_samples_though_the_process_is_killed() {
+    let rig = TestRig::patient("sessions");
+    let (file, outcome) = record(&rig, &["force-matching"], &[REST_1, SESSION_2]);
+    let file_text = file.to_str().unwrap();
     assert_eq!(
         (&outcome["sessions"]["over"], &outcome["sessions"]["sessions"]),
         (&2.into(), &2.into())
     );
-    rig.ok(["rec", "stop"]);
-    rig.down();
 
     let recording = Recording::open(&file).unwrap();
     let samples: Vec<Sample> = messages(&recording, SAMPLE.topic.name);
@@ -102,34 +110,20 @@ fn sessions_targets_and_bars_are_those_of_the_samples_though_the_process_is_kill
 #[test]
 fn the_bars_of_an_emg_experiment_are_the_activity_of_the_recorded_electrodes() {
     let rig = TestRig::patient("emg-sessions");
-    let rig_file = rig.absolute_rig("hydrostatic");
-    let file = rig.path("emg.mcap");
-    let file_text = file.to_str().unwrap();
-    rig.ok(["up", "--simulate", "--rig", &rig_file, "--record", file_text]);
     let files = format!("--mat={}", rig.path("S07_").display());
-    let arguments = [
-        "emg-matching",
-        "--set=matching.sets=1",
-        "--set=matching.session_s=5",
-        "--set=matching.rest_s=10",
-        "--emulate-scanner=1",
-        &files,
-    ];
-    let outcome = play_with_kills(&rig, &arguments, &[]);
+    let (file, outcome) = record(&rig, &["emg-matching", &files], &[]);
     for number in 1..=2 {
         let file = rig.path(&format!("S07_{number}.mat"));
         let bytes = std::fs::read(&file).unwrap();
         assert!(bytes.starts_with(b"MATLAB 5.0 MAT-file"), "{file:?}: {outcome}");
         assert!(bytes.len() > 800_000, "{} bytes for 5 s", bytes.len());
     }
-    rig.ok(["rec", "stop"]);
-    rig.down();
 
     let recording = Recording::open(&file).unwrap();
     let samples: Vec<Sample> = messages(&recording, SAMPLE.topic.name);
     let results: Vec<SessionResult> = messages(&recording, SESSION.topic.name);
     let shown: Vec<Performance> = messages(&recording, PERFORMANCE.topic.name);
-    let rig_file = RigFile::load(&rig_file).unwrap();
+    let rig_file = RigFile::load(rig.absolute_rig("hydrostatic")).unwrap();
     let (electrodes, rate_hz) = (rig_file.electrodes(), f64::from(rig_file.rates.acquisition_hz));
     let mut muscles = MuscleActivity::new(&electrodes, &rig_file.emg, rate_hz).unwrap();
     let activity: Vec<[f64; 2]> =

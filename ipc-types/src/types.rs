@@ -424,6 +424,17 @@ messages! {
     }
 }
 
+impl Sample {
+    /// Torque of the hand on each axis (N·m or N), 0 for an axis without a sensor; `None` where one
+    /// is not finite.
+    pub fn hand_torques(&self) -> Option<[f64; AXES]> {
+        let present = |axis: usize| self.torque_present & 1 << axis != 0;
+        let torques: [f64; AXES] =
+            std::array::from_fn(|axis| if present(axis) { self.slave_torque[axis] } else { 0.0 });
+        torques.iter().all(|torque| torque.is_finite()).then_some(torques)
+    }
+}
+
 impl Event {
     /// An event of `kind` from `source`; the text is cut at a character's edge when too long.
     pub fn new(

@@ -102,7 +102,8 @@ impl MuscleActivity {
                 (Some(artefact), None) => artefact.skip(),
                 (None, _) => {}
             }
-            sums[group] += conditioner.update(value).rectified;
+            // The envelope is not needed here.
+            sums[group] += conditioner.filter(value).abs();
         }
         let mut means = [0.0; BARS];
         for ((mean, sum), count) in means.iter_mut().zip(sums).zip(counts) {

@@ -16,6 +16,11 @@ pub fn height(value: f64, target: f64) -> f64 {
     (BAR_MIDDLE * value / target.max(LEAST_TARGET)).clamp(0.0, HIGHEST)
 }
 
+/// Heights of the bars.
+pub fn heights(values: [f64; BARS], targets: [f64; BARS]) -> [f64; BARS] {
+    std::array::from_fn(|bar| height(values[bar], targets[bar]))
+}
+
 /// The effort in one sample.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Effort {

@@ -3,7 +3,7 @@
 use ipc_types::BARS;
 use serde::{Deserialize, Serialize};
 
-use crate::matching_bar::height;
+use crate::matching_bar::heights;
 
 /// Most updates of the bar that are kept of a session; the longest session has as many.
 pub const UPDATES: usize = 1200;
@@ -40,15 +40,10 @@ impl SessionState {
 
     /// Takes over the contents of another without giving up its own memory.
     pub fn copy_from(&mut self, other: &Self) {
-        let mut values = std::mem::take(&mut self.values);
-        values.clear();
-        values.extend(other.values.iter().take(UPDATES));
-        *self = Self {
-            values,
-            over: other.over,
-            target: other.target,
-            repeated_target: other.repeated_target,
-        };
+        self.values.clear();
+        self.values.extend(other.values.iter().take(UPDATES));
+        (self.over, self.target, self.repeated_target) =
+            (other.over, other.target, other.repeated_target);
     }
 
     /// Carries out a step. Within [`SessionState::with_capacity`] it does not allocate.
@@ -74,11 +69,6 @@ impl SessionState {
     /// rest has shown all.
     pub fn repeated(&self, update: usize) -> Option<([f64; BARS], [f64; BARS])> {
         let values = *self.values.get(update)?;
-        let mut heights = [0.0; BARS];
-        for ((height_of, value), target) in heights.iter_mut().zip(values).zip(self.repeated_target)
-        {
-            *height_of = height(value, target);
-        }
-        Some((values, heights))
+        Some((values, heights(values, self.repeated_target)))
     }
 }

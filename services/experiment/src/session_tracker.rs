@@ -8,7 +8,7 @@ use std::collections::VecDeque;
 
 use ipc_types::{BARS, Light, Performance, SessionOutcome, SessionResult};
 
-use crate::matching_bar::{BarValues, Effort, Matched, Sums, height};
+use crate::matching_bar::{BarValues, Effort, Matched, Sums, heights};
 use crate::session_state::{SessionState, SessionStep};
 
 /// Time between two reports of a segment's performance (ns).
@@ -136,10 +136,7 @@ impl SessionTracker {
         self.advance(u64::MAX - GRACE_NS);
         self.dropped += self.edges.len() as u64;
         (self.run, self.plan) = (run, plan);
-        match state {
-            Some(state) => self.state.copy_from(state),
-            None => self.state.copy_from(&SessionState::default()),
-        }
+        self.state.copy_from(state.unwrap_or(&SessionState::default()));
         self.number = self.state.over;
         self.playing = None;
         self.shown = Shown::default();
@@ -305,8 +302,7 @@ impl SessionTracker {
                 session: None,
                 rest: false,
             };
-            let report = self.performance(&over, edge.at_ns);
-            self.report(SessionReport::Performance(report));
+            self.report_performance(&over, edge.at_ns);
             return;
         };
         if let Some(number) = next.session {
@@ -358,8 +354,7 @@ impl SessionTracker {
         let from = (first + self.reported).max((due + 1).saturating_sub(MADE_UP));
         for instant in from..=due {
             self.update_bar(playing, instant);
-            let report = self.performance(playing, playing.begun_ns + instant * REPORT_NS);
-            self.report(SessionReport::Performance(report));
+            self.report_performance(playing, playing.begun_ns + instant * REPORT_NS);
             self.reported = instant + 1 - first;
         }
     }
@@ -372,8 +367,7 @@ impl SessionTracker {
             return;
         }
         self.update_bar(playing, planned);
-        let report = self.performance(playing, ended_ns);
-        self.report(SessionReport::Performance(report));
+        self.report_performance(playing, ended_ns);
         self.reported = planned;
     }
 
@@ -391,11 +385,7 @@ impl SessionTracker {
             self.shown.update = update as u32;
             self.shown.value = value;
             if self.shown.visible {
-                for (shown, (value, target)) in
-                    self.shown.height.iter_mut().zip(value.into_iter().zip(self.shown.target))
-                {
-                    *shown = height(value, target);
-                }
+                self.shown.height = heights(value, self.shown.target);
             }
         } else if playing.rest && self.state.has_target() {
             self.shown = match self.state.repeated(update as usize) {
@@ -412,12 +402,11 @@ impl SessionTracker {
         }
     }
 
-    fn performance(&self, playing: &PlayedSegment, at_ns: u64) -> Performance {
+    /// Reports the sums and what the subject sees, at an instant of the segment.
+    fn report_performance(&mut self, playing: &PlayedSegment, at_ns: u64) {
         let light = if playing.session.is_some() { Light::Green } else { Light::Red };
-        let bars = self.plan.matched.map_or(0, Matched::bars);
-        let mut height = [0.0; BARS];
-        height[..bars].copy_from_slice(&self.shown.height[..bars]);
-        Performance {
+        let bars = self.plan.matched.filter(|_| self.shown.visible).map_or(0, Matched::bars);
+        self.report(SessionReport::Performance(Performance {
             at_ns,
             begun_ns: playing.begun_ns,
             planned_s: playing.planned_s,
@@ -427,15 +416,15 @@ impl SessionTracker {
             samples_missed: self.sums.missed,
             value: self.shown.value,
             target: self.shown.target,
-            height,
+            height: self.shown.height,
             segment: playing.segment,
             number: self.number,
             sessions: self.plan.sessions,
             update: self.shown.update,
-            bars: if self.shown.visible { bars as u8 } else { 0 },
+            bars: bars as u8,
             light: light.code(),
             replay: u8::from(self.shown.replay),
             ..Performance::default()
-        }
+        }));
     }
 }

@@ -1,6 +1,9 @@
 //! The sessions of a recording that have ended.
 
-use ipc_types::{Event, EventKind, Process, SESSION, SessionOutcome, SessionResult, event_topic};
+use ipc_types::{
+    Event, EventKind, PERFORMANCE, Performance, Process, SESSION, SessionOutcome, SessionResult,
+    event_topic,
+};
 use recording::mcap_read::Recording;
 
 /// A session that has ended, with the name of its segment.
@@ -59,6 +62,23 @@ pub(crate) fn ended_sessions(recording: &Recording) -> anyhow::Result<Vec<EndedS
         sessions.push(EndedSession { label: label(&result), run, result });
     }
     Ok(sessions)
+}
+
+/// Every update of the bars, of sessions and of the rests that repeat them, each as it was first
+/// shown.
+///
+/// # Errors
+/// Those of reading.
+pub(crate) fn bar_updates(recording: &Recording) -> anyhow::Result<Vec<Performance>> {
+    let mut updates: Vec<Performance> = Vec::new();
+    for message in recording.messages_if_any::<Performance>(PERFORMANCE.topic.name)? {
+        let shown = message?.message;
+        let of = |shown: &Performance| (shown.begun_ns, shown.update);
+        if shown.update > 0 && updates.last().is_none_or(|last| of(last) != of(&shown)) {
+            updates.push(shown);
+        }
+    }
+    Ok(updates)
 }
 
 /// The events that name segments.

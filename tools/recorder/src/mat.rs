@@ -11,15 +11,14 @@ use std::path::{Path, PathBuf};
 
 use anyhow::bail;
 use ipc_types::{
-    BARS, Event, EventKind, PERFORMANCE, PROCESSES, Performance, SAMPLE, Sample, SessionOutcome,
-    event_topic,
+    BARS, Event, EventKind, PROCESSES, Performance, SAMPLE, Sample, SessionOutcome, event_topic,
 };
 use recording::mcap_read::Recording;
 use recording::mcap_write::key;
 use rig::RigFile;
 
 use crate::DATA_LOST;
-use crate::ended_sessions::{EndedSession, ended_sessions};
+use crate::ended_sessions::{EndedSession, bar_updates, ended_sessions};
 use crate::mat_file::{Value, encode};
 use crate::output::{none_exists, write_new};
 use crate::signals::{Signal, rig_file, signals};
@@ -298,20 +297,12 @@ fn bar(
     stretch: &Stretch<'_>,
     seconds: impl Fn(u64) -> f64,
 ) -> anyhow::Result<Value> {
-    let mut updates: Vec<Performance> = Vec::new();
-    for message in recording.messages_if_any::<Performance>(PERFORMANCE.topic.name)? {
-        let shown = message?.message;
-        let same =
-            |last: &Performance| (last.begun_ns, last.update) == (shown.begun_ns, shown.update);
-        // The last update coincides with the end of its session.
-        let within = match stretch.session {
-            Some(_) => shown.begun_ns == stretch.begun_ns && shown.at_ns <= stretch.ended_ns,
-            None => stretch.holds(shown.at_ns),
-        };
-        if within && shown.update > 0 && !updates.last().is_some_and(same) {
-            updates.push(shown);
-        }
-    }
+    let mut updates = bar_updates(recording)?;
+    // The last update coincides with the end of its session.
+    updates.retain(|shown| match stretch.session {
+        Some(_) => shown.begun_ns == stretch.begun_ns && shown.at_ns <= stretch.ended_ns,
+        None => stretch.holds(shown.at_ns),
+    });
     let bars = stretch.session.map_or(BARS, |session| usize::from(session.result.bars)).min(BARS);
     let of = |values: fn(&Performance) -> &[f64; BARS]| {
         let one = |at: usize| updates.iter().map(|shown| values(shown)[at]).collect();

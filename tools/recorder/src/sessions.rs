@@ -144,12 +144,10 @@ fn add_samples(recording: &Recording, readings: &mut [Reading]) -> anyhow::Resul
         last_tick = Some(sample.tick);
         let Some(reading) = at(readings, sample.scan_time_ns) else { continue };
         reading.axes = usize::from(sample.axes).min(AXES);
-        let present = |axis: &usize| sample.torque_present & 1 << axis != 0;
-        let torque = |axis: usize| Some(axis).filter(present).map(|axis| sample.slave_torque[axis]);
-        if (0..AXES).filter_map(torque).all(f64::is_finite) {
+        if let Some(torques) = sample.hand_torques() {
             reading.samples += 1;
-            for (axis, sum) in reading.torque_sum.iter_mut().enumerate() {
-                *sum += torque(axis).unwrap_or(0.0).abs();
+            for (sum, torque) in reading.torque_sum.iter_mut().zip(torques) {
+                *sum += torque.abs();
             }
         }
         let found = reading.references.binary_search_by_key(&sample.tick, |(tick, _)| *tick);

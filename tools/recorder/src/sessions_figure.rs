@@ -1,11 +1,11 @@
 //! The figure of `sessions`: what the subject had to match, and what it did.
 
 use anyhow::bail;
-use ipc_types::{BARS, Light, PERFORMANCE, Performance};
+use ipc_types::{BARS, Performance};
 use recording::mcap_read::Recording;
 use report::{Colour, Figure};
 
-use crate::ended_sessions::EndedSession;
+use crate::ended_sessions::{EndedSession, bar_updates};
 
 /// Colour and name of each bar, where there are two.
 const BAR: [(Colour, &str); BARS] =
@@ -25,17 +25,7 @@ pub(crate) fn figure(recording: &Recording, sessions: &[EndedSession]) -> anyhow
     let mut figure = Figure::new("Sessions", "time since the first began / s", what).size(900, 320);
     let began_ns = sessions.first().map_or(0, |session| session.result.begun_ns);
     let seconds = |at_ns: u64| (at_ns as f64 - began_ns as f64) * 1e-9;
-    let mut updates: Vec<Performance> = Vec::new();
-    let messages = recording.messages_if_any::<Performance>(PERFORMANCE.topic.name)?;
-    for message in messages {
-        let shown = message?.message;
-        let again = updates
-            .last()
-            .is_some_and(|last| (last.begun_ns, last.update) == (shown.begun_ns, shown.update));
-        if shown.light == Light::Green.code() && shown.update > 0 && !again {
-            updates.push(shown);
-        }
-    }
+    let updates = bar_updates(recording)?;
     for (at, session) in sessions.iter().enumerate() {
         let result = &session.result;
         for (bar, (colour, group)) in BAR.into_iter().enumerate().take(bars) {

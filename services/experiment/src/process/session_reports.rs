@@ -2,8 +2,8 @@
 
 use emg::MuscleActivity;
 use ipc_types::{
-    AXES, BARS, Event, EventKind, PERFORMANCE, Performance, Process, SESSION, Sample,
-    SessionOutcome, SessionResult, Severity,
+    BARS, Event, EventKind, PERFORMANCE, Performance, Process, SESSION, Sample, SessionOutcome,
+    SessionResult, Severity,
 };
 use rig::RigFile;
 use rtrb::Producer;
@@ -56,10 +56,10 @@ impl SessionPorts {
             Some(muscles) => muscles.update(&sample.analog_v, volume),
             None => [f64::NAN; BARS],
         };
-        if self.tracker.is_used()
-            && let Some(effort) = effort(sample, activity)
-        {
-            self.tracker.see(effort);
+        // A sample with a torque that is not finite counts as missing.
+        if let Some(torque) = sample.hand_torques() {
+            let (at_ns, tick) = (sample.scan_time_ns, sample.tick);
+            self.tracker.see(Effort { at_ns, tick, torque, activity });
         }
     }
 
@@ -142,20 +142,4 @@ impl SessionPorts {
         let sent = losses.sent(self.performance.undelivered()).sent(self.results.undelivered());
         Losses { dropped: sent.dropped + self.tracker.dropped(), ..sent }
     }
-}
-
-/// The effort in a sample; `None` where a torque is not finite, and the sample counts as missing.
-fn effort(sample: &Sample, activity: [f64; BARS]) -> Option<Effort> {
-    let mut torque = [0.0; AXES];
-    for (axis, torque) in torque.iter_mut().enumerate() {
-        if sample.torque_present & 1 << axis != 0 {
-            *torque = sample.slave_torque[axis];
-        }
-    }
-    torque.iter().all(|torque| torque.is_finite()).then_some(Effort {
-        at_ns: sample.scan_time_ns,
-        tick: sample.tick,
-        torque,
-        activity,
-    })
 }
