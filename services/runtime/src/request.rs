@@ -227,12 +227,15 @@ pub fn call<Q: Serialize, A: DeserializeOwned>(
     }
     let started = Instant::now();
     loop {
+        // Asked before the answer is looked for: a server ends the connection right after its
+        // answer, which may come between the two.
+        let connected = pending.is_connected();
         if let Some(response) =
             pending.receive().map_err(failed(service.name, "waiting for the answer"))?
         {
             return decode(service.name, response.payload());
         }
-        if !pending.is_connected() {
+        if !connected {
             return Err(RequestError::NobodyServes(service.name, service.owner.text()));
         }
         if started.elapsed() > limit {
