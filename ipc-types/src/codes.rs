@@ -291,6 +291,20 @@ codes! {
         /// A session is over, and the light turns red: `a` its number, `b` and `c` what the next
         /// one has to match; the text says how it ended.
         SessionOver = 28, "session over";
+        /// The operator's note: the text.
+        Note = 29, "note";
+        /// A page of the console was opened: `a` its number; the text says which and from where.
+        PageOpened = 30, "page opened";
+        /// A page was closed, or its connection lost: `a` its number.
+        PageClosed = 31, "page closed";
+        /// A page took control of the console: `a` its number.
+        ControlTaken = 32, "control taken";
+        /// A page's clock against CLOCK_MONOTONIC: `a` its number, `b` how far it is ahead, `c` the
+        /// round trip of the exchange that showed it (s).
+        ClockMeasured = 33, "clock of a page";
+        /// From the instant that a bar shows to the frame of a page that shows it: `a` the page's
+        /// number, `b` the median, `c` the longest of the latest frames (s).
+        FrameDelay = 34, "delay of a page's frames";
     }
 
     /// How a session ended.

@@ -96,6 +96,14 @@ processes! {
         unit: "# Learnt references outlast the rig; /etc/farreach/%i/environment may name another \
                folder.\nEnvironment=FARREACH_LEARNT=/var/lib/farreach/%i/learnt\n",
     };
+    /// Serves the pages of operator and subject to browsers.
+    Console = 9, "console" {
+        topics: [event 27, heartbeat 28],
+        after: &[Process::Keeper, Process::Logger],
+        optional: true,
+        silence_s: 5,
+        oom_score: 0,
+    };
     /// Starts and restarts the others on a machine without systemd.
     Launcher = 7, "launcher";
     /// A person's command line.
@@ -111,6 +119,8 @@ pub struct ProcessEntry {
     pub after: &'static [Process],
     /// The card that it belongs to; it then runs with that card only.
     pub card: Option<CardKind>,
+    /// Whether it runs only where it is asked for. The rig does not depend on it.
+    pub optional: bool,
     /// Its real-time loop; `None` for a process without one.
     pub real_time: Option<RealTimeLoop>,
     /// Silence after which it is killed and started again (s).
@@ -128,6 +138,7 @@ const STANDARD: ProcessEntry = ProcessEntry {
     process: Process::Keeper,
     after: &[],
     card: None,
+    optional: false,
     real_time: None,
     silence_s: 2,
     stop_s: 3,
@@ -190,7 +201,8 @@ impl ProcessEntry {
     }
 }
 
-/// The processes of a rig with a card, those that belong to another card left out.
+/// The processes that every rig with a card has: those that belong to another card, and those that
+/// run where they are asked for, are left out.
 pub fn processes_with(card: CardKind) -> impl Iterator<Item = &'static ProcessEntry> {
-    PROCESSES.iter().filter(move |entry| entry.card.is_none_or(|of| of == card))
+    PROCESSES.iter().filter(move |entry| !entry.optional && entry.card.is_none_or(|of| of == card))
 }

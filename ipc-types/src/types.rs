@@ -331,7 +331,7 @@ messages! {
         text: [u8; TEXT],
     }
 
-    /// Sign of life of logger and experiment, 20 Hz.
+    /// Sign of life of logger, experiment and console, 20 Hz.
     Heartbeat v1 {
         /// messages lost on the way to this process since it started
         lost: u64,

@@ -147,7 +147,11 @@ fn the_page_of_processes_is_that_of_the_code() {
             ],
             None => Default::default(),
         };
-        let only = entry.card.map(|card| format!(" Only with the {card} card."));
+        let only = match (entry.card, entry.optional) {
+            (Some(card), _) => Some(format!(" Only with the {card} card.")),
+            (None, true) => Some(" Only where it is asked for.".to_owned()),
+            (None, false) => None,
+        };
         writeln!(
             text,
             "| {} | {}{} | {} | {priority} | {rate} | {phase} | {} s | {} s |",

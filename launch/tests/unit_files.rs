@@ -39,12 +39,14 @@ fn service(entry: &ProcessEntry) -> String {
         format!("{WAITS}Wants=farreach-keeper@%i.service\n{}", list("After", &after))
     };
     let class = entry.real_time.map_or("", |_| CLASS);
-    let (only, install) = match entry.card {
-        Some(card) => (
-            format!(
-                "# Only wanted on a rig with the {card} card: systemctl enable \
-                 farreach-{name}@RIG.\n"
-            ),
+    let wanted_on = match (entry.card, entry.optional) {
+        (Some(card), _) => Some(format!("wanted on a rig with the {card} card")),
+        (None, true) => Some("where it is wanted".to_owned()),
+        (None, false) => None,
+    };
+    let (only, install) = match wanted_on {
+        Some(wanted) => (
+            format!("# Only {wanted}: systemctl enable farreach-{name}@RIG.\n"),
             "\n[Install]\nWantedBy=farreach@%i.target\n",
         ),
         None => (String::new(), ""),
@@ -105,7 +107,8 @@ RestartPreventExitStatus=2
 
 /// The text of the target, which wants what every rig has.
 fn target() -> String {
-    let wanted: Vec<_> = PROCESSES.iter().filter(|entry| entry.card.is_none()).collect();
+    let every = |entry: &&ProcessEntry| entry.card.is_none() && !entry.optional;
+    let wanted: Vec<_> = PROCESSES.iter().filter(every).collect();
     format!(
         "# All of one rig: systemctl start farreach@RIG.target.\n{GENERATED}\n[Unit]\n\
          Description=farreach %i: all processes of the rig\n\
@@ -207,7 +210,9 @@ fn every_other_unit_waits_for_the_keeper() {
 fn the_watchdog_starts_after_all_that_it_supervises() {
     let units = all();
     let watchdog = units.iter().find(|unit| unit.name == "watchdog").unwrap();
-    for unit in units.iter().filter(|unit| unit.name != "watchdog") {
+    let optional =
+        |unit: &&Unit| PROCESSES.iter().any(|entry| entry.name() == unit.name && entry.optional);
+    for unit in units.iter().filter(|unit| unit.name != "watchdog" && !optional(unit)) {
         assert!(watchdog.after.contains(&unit.name), "{}", unit.name);
     }
 }

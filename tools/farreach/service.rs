@@ -1,5 +1,6 @@
 //! `farreach service NAME`: one process of a rig, as the unit files call it.
 
+use std::net::SocketAddr;
 use std::path::PathBuf;
 
 use acquisition::{AcquisitionError, CardOptions};
@@ -101,6 +102,15 @@ pub(crate) enum Service {
         #[arg(long, value_name = "DIR", env = "FARREACH_LEARNT", hide_env_values = true)]
         learnt: Option<PathBuf>,
     },
+    /// Serves the pages of operator and subject to browsers
+    #[command(
+        after_help = "Example:\n  farreach --rig-name bench service console --listen 127.0.0.1:8321"
+    )]
+    Console {
+        /// Address and port to listen at
+        #[arg(long, value_name = "ADDRESS", env = "FARREACH_CONSOLE", hide_env_values = true)]
+        listen: SocketAddr,
+    },
     /// Starts, supervises and restarts the other processes where systemd does not; called by
     /// `farreach up`
     #[command(after_help = "Example:\n  farreach service launcher \
@@ -168,6 +178,7 @@ pub(crate) fn run(service: Service, rig_name: &RigName) -> anyhow::Result<i32> {
             let learnt = learnt.filter(|folder| !folder.as_os_str().is_empty());
             experiment::run(name, &rig.load()?, learnt.as_deref())?;
         }
+        Service::Console { listen } => web_console::run(rig_name, listen)?,
     }
     Ok(operator::DONE)
 }

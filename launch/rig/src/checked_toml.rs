@@ -21,7 +21,6 @@ pub(crate) struct Source<'a> {
     text: &'a str,
     lines: RefCell<BTreeMap<String, usize>>,
     problems: RefCell<Vec<Problem>>,
-    #[cfg(test)]
     pub(crate) documented: RefCell<Vec<Documented>>,
     #[cfg(test)]
     pub(crate) tables: RefCell<Vec<(&'static str, Keys)>>,
@@ -34,7 +33,6 @@ impl<'a> Source<'a> {
             text,
             lines: RefCell::default(),
             problems: RefCell::default(),
-            #[cfg(test)]
             documented: RefCell::default(),
             #[cfg(test)]
             tables: RefCell::default(),
@@ -141,11 +139,14 @@ pub(crate) fn stands_for(name: &str, key: &str) -> bool {
 }
 
 /// A documented key as the reader accepts it.
-#[cfg(test)]
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Documented {
     pub(crate) section: &'static str,
     pub(crate) key: String,
+    /// The key with its path within the file.
+    pub(crate) path: String,
+    /// What the key means.
+    pub(crate) about: &'static str,
     /// Type and range.
     pub(crate) accepts: String,
     /// `required`, `optional` or the default.
@@ -179,23 +180,23 @@ impl<'s> Section<'s> {
         self.source.tables.borrow_mut().push((section, keys));
     }
 
-    /// Name of the documented section that has the key.
-    fn documented_in(&self, key: &str) -> Option<&'static str> {
+    /// Name of the documented section that has the key, and what the key means.
+    fn documented_in(&self, key: &str) -> Option<(&'static str, &'static str)> {
         let tables = self.tables.borrow();
-        let mut newest_first = tables.iter().rev();
-        newest_first
-            .find(|(_, keys)| keys.iter().any(|(name, _)| stands_for(name, key)))
-            .map(|(section, _)| *section)
+        tables.iter().rev().find_map(|(section, keys)| {
+            let (_, about) = keys.iter().find(|(name, _)| stands_for(name, key))?;
+            Some((*section, *about))
+        })
     }
 
-    /// Records what the reader accepts under a key, for the generated pages.
+    /// Records what the reader accepts under a key, for the generated pages and for entry forms.
     fn note(&self, key: &str, accepts: impl Display, default: impl Display) {
-        let _ = (key, &accepts, &default);
-        #[cfg(test)]
-        if let Some(section) = self.documented_in(key) {
+        if let Some((section, about)) = self.documented_in(key) {
             self.source.documented.borrow_mut().push(Documented {
                 section,
                 key: key.to_owned(),
+                path: self.path(key),
+                about,
                 accepts: accepts.to_string(),
                 default: default.to_string(),
             });

@@ -15,6 +15,7 @@
 //! and limits.
 
 mod coupled_axes;
+mod entries;
 mod field;
 mod field_check;
 mod field_stability;
@@ -35,6 +36,7 @@ use std::borrow::Cow;
 use std::path::Path;
 
 pub use coupled_axes::Companion;
+pub use entries::{Entry, entries};
 pub use field::Field;
 pub use matching::{Matching, Signal};
 pub use matrix::{MATRIX_AXES, Matrix};

@@ -387,7 +387,7 @@ fn kept_state(directory: &Path, session: u64) -> Result<Option<StartRequest>, St
 /// Where the newest part ends. Where it cannot be read (removed, an unreadable disk), the gap
 /// before the next part cannot be counted.
 fn end_positions(state: &StartRequest) -> Positions {
-    let path = state::part_path(&state.path, state.part);
+    let path = recording::part_path(&state.path, state.part);
     Recording::open(&path).and_then(|part| part.end_positions()).unwrap_or_else(|error| {
         eprintln!("farreach logger: losses over the restart cannot be counted: {error}");
         Positions::new()

@@ -120,19 +120,6 @@ pub fn load(directory: &Path, session: u64) -> Result<Option<StartRequest>, Stat
     }
 }
 
-/// The file of a part: `run.mcap`, `run.part2.mcap`, ...
-pub fn part_path(path: &Path, part: u32) -> PathBuf {
-    if part <= 1 {
-        return path.to_owned();
-    }
-    let stem = path.file_stem().unwrap_or_default().to_string_lossy();
-    let name = match path.extension() {
-        Some(extension) => format!("{stem}.part{part}.{}", extension.to_string_lossy()),
-        None => format!("{stem}.part{part}"),
-    };
-    path.with_file_name(name)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -172,12 +159,5 @@ mod tests {
         assert!(matches!(error, StateError::Damaged { .. }), "{error}");
         assert!(error.to_string().contains("recording.json.damaged"));
         assert_eq!(load(directory.path(), 7).unwrap(), None);
-    }
-
-    #[test]
-    fn parts_are_numbered_before_the_extension() {
-        assert_eq!(part_path(Path::new("/d/run.mcap"), 1), Path::new("/d/run.mcap"));
-        assert_eq!(part_path(Path::new("/d/run.mcap"), 3), Path::new("/d/run.part3.mcap"));
-        assert_eq!(part_path(Path::new("run"), 2), Path::new("run.part2"));
     }
 }

@@ -154,7 +154,7 @@ impl Disk<'_> {
         self.generation = generation;
         let mut part = request.part.max(1);
         let opened = loop {
-            let path = state::part_path(&request.path, part);
+            let path = recording::part_path(&request.path, part);
             let start = Start {
                 realtime_offset_ns: request.realtime_offset_ns,
                 metadata: request.metadata.clone(),

@@ -13,8 +13,11 @@
 pub mod mcap_edit;
 pub mod mcap_read;
 pub mod mcap_write;
+mod parts;
 pub mod record;
 pub mod schema;
+
+pub use parts::{part_path, parts_of};
 
 /// The little-endian word at byte `at`; 0 beyond the end.
 pub fn word(bytes: &[u8], at: usize) -> u64 {

@@ -242,6 +242,7 @@ fn run_session(
         card: Some(CardOptions::of(CardKind::Simulated)),
         effects: effect.iter().map(|effect| (*effect).to_owned()).collect(),
         record: Some(folder.recording()),
+        console: None,
         profile: None,
         executable: std::env::current_exe().context("cannot find the farreach executable")?,
     };

@@ -4,6 +4,7 @@ mod actions;
 mod show_status;
 mod up_down;
 
+use std::net::SocketAddr;
 use std::path::PathBuf;
 
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
@@ -13,12 +14,16 @@ use runtime::RigName;
 
 use crate::RunOptions;
 
+/// Where the console listens unless told: not to be reached from other computers.
+const CONSOLE_AT: &str = "127.0.0.1:8321";
+
 /// The operator's commands.
 #[derive(Clone, Debug, Subcommand)]
 pub enum Command {
     /// Starts all processes of a rig and waits until they are ready
     #[command(after_help = "Examples:\n  \
         farreach up --simulate --effect backlash@slave=0.05 --record run.mcap\n  \
+        farreach up --simulate --console --record run.mcap\n  \
         farreach up --rig launch/rigs/emps.toml --replay emps.csv --loop")]
     Up(UpArguments),
     /// Removes motor power, stops all processes and removes the rig's shared memory
@@ -59,6 +64,9 @@ pub enum Command {
         farreach run force-matching --subject S07 --mat S07_\n  \
         farreach run --from S07.mcap")]
     Run(RunArguments),
+    /// Prints the addresses of the console's pages
+    #[command(after_help = "Example:\n  farreach up --simulate --console && farreach console")]
+    Console(OutputFormat),
     /// Stops the running protocol: the handle comes to rest, the motor stays enabled at 0 V
     #[command(after_help = "Example:\n  farreach stop")]
     Stop(OutputFormat),
@@ -151,6 +159,10 @@ pub struct UpArguments {
     /// Records from the start into this file (MCAP)
     #[arg(long, value_name = "FILE")]
     pub record: Option<PathBuf>,
+    /// Serves the console, the pages of operator and subject, at this address; `farreach console`
+    /// prints it with its token
+    #[arg(long, value_name = "ADDRESS", num_args = 0..=1, default_missing_value = CONSOLE_AT)]
+    pub console: Option<SocketAddr>,
     /// Timing profile (realtime, best-effort). By default farreach measures the scheduling stalls
     /// of this computer and chooses; overrides FARREACH_PROFILE
     #[arg(long, value_name = "PROFILE", value_parser = parse_profile)]
@@ -195,6 +207,7 @@ pub fn run(command: Command, rig_name: &RigName) -> anyhow::Result<i32> {
         Command::Disarm(OutputFormat { json }) => actions::verb(rig_name, Verb::Disarm, json),
         Command::Estop(OutputFormat { json }) => actions::verb(rig_name, Verb::Estop, json),
         Command::Run(arguments) => actions::run(&arguments, rig_name),
+        Command::Console(OutputFormat { json }) => actions::console(rig_name, json),
         Command::Stop(OutputFormat { json }) => actions::stop(rig_name, json),
     }
 }

@@ -68,6 +68,12 @@ pub enum Error {
     /// No process of the rig runs.
     #[error("rig {0} is not up; bring it up first: farreach up")]
     NotUp(String),
+    /// The rig has no console.
+    #[error("rig {rig} has no console; bring it up with one: farreach up --console")]
+    NoConsole {
+        /// Its name.
+        rig: String,
+    },
     /// A file written by `up` cannot be read back.
     #[error("{}: {reason}; bring the rig down and up again", path.display())]
     Launched {

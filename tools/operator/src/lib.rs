@@ -13,6 +13,7 @@
 //! one directory of shared memory.
 
 pub mod command;
+mod console_address;
 mod down;
 mod error;
 mod initialise_results;
@@ -24,12 +25,14 @@ pub mod status;
 mod up;
 
 pub use acquisition::CardOptions;
+pub use console_address::ConsoleAddress;
 pub use down::{Cleaning, Down, down};
 pub use error::{DATA_LOST, DONE, Error, FAILED, USAGE};
 pub use initialise_results::FoundRange;
 pub use link::{RigLink, verb};
 pub use run::{
-    ChosenProtocol, Progress, RunOptions, RunOutcome, client_number, run_protocol, stop_protocol,
+    ChosenProtocol, Progress, RunOptions, RunOutcome, client_number, resume_protocol, run_protocol,
+    stop_protocol,
 };
 pub use saved_rig_file::{rig_of, running};
 pub use session_files::{SessionFiles, Written};

@@ -30,7 +30,7 @@ const OVERRIDES: &str = "protocol_overrides";
 const POLL_PERIOD: Duration = Duration::from_millis(100);
 
 /// What to run.
-#[derive(Clone, Debug, clap::Args)]
+#[derive(Clone, Debug, Default, clap::Args)]
 pub struct RunOptions {
     /// Protocol file, or the name of a protocol shipped with farreach
     #[arg(value_name = "FILE|NAME", required_unless_present = "from")]
@@ -54,8 +54,8 @@ pub struct RunOptions {
     pub mat: Option<PathBuf>,
 }
 
-/// Progress of a protocol.
-#[derive(Clone, Debug, PartialEq)]
+/// Progress of a protocol; zeros before the first answer.
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Progress {
     /// Time played (s).
     pub elapsed_s: f64,
@@ -65,7 +65,7 @@ pub struct Progress {
     pub segment: u32,
     /// Number of segments.
     pub segments: u32,
-    /// Label of the segment; empty before the first answer.
+    /// Label of the segment.
     pub label: String,
     /// Whether the experiment process is not answering.
     pub absent: bool,
@@ -127,7 +127,7 @@ pub fn run_protocol(
             segments: before.segments,
         });
     }
-    let client = client_number();
+    let client = chosen.client;
     let name = match subject {
         Some(subject) => format!("{} (subject {subject})", protocol.name),
         None => protocol.name.clone(),
@@ -151,7 +151,7 @@ pub fn run_protocol(
         }
     }
     record_run(link, chosen)?;
-    let mut found = Ranges::new(link, rig)?;
+    let found = Ranges::new(link, rig)?;
     let begun = link
         .experiment(&ExperimentRequest::Run { protocol: text, name, client, emulate_scanner_s })
         .inspect_err(|_| {
@@ -159,18 +159,33 @@ pub fn run_protocol(
             let _stopped = link.experiment(&ExperimentRequest::Stop { client: Some(client) });
         })?;
     accepted(&begun)?;
-    let outcome = follow(link, protocol, client, &mut tokens, &mut found, stop, progress);
-    if !matches!(outcome, Ok(RunOutcome::Completed { .. })) {
-        // A process that does not answer needs no stop: control holds once the setpoint's lease
-        // expires.
-        let _stopped = link.experiment(&ExperimentRequest::Stop { client: Some(client) });
-    }
-    outcome
+    let mut following = Following { link, client, tokens, found };
+    following.until_the_end(stop, progress)
+}
+
+/// Goes on with a protocol that was begun by a client that has ended since, a console that was
+/// killed, as the same client. The lease is short: see `experiment`'s player.
+///
+/// # Errors
+/// If the protocol is not running any more, or as [`run_protocol`].
+pub fn resume_protocol(
+    link: &RigLink,
+    client: u64,
+    stop: &AtomicBool,
+    progress: &mut dyn FnMut(&Progress),
+) -> Result<RunOutcome, Error> {
+    let rig = rig_of(link.domain().name())?;
+    let tokens = Tokens::new(link)?;
+    accepted(&link.experiment(&ExperimentRequest::Renew { client })?)?;
+    let found = Ranges::new(link, rig)?;
+    Following { link, client, tokens, found }.until_the_end(stop, progress)
 }
 
 /// A protocol that was chosen and read, with what its recording is to say of it.
 pub struct ChosenProtocol {
     protocol: Protocol,
+    /// Number of the client that runs it.
+    client: u64,
     subject: Option<String>,
     emulate_scanner_s: Option<f64>,
     /// All overrides that made its text, in their order.
@@ -183,6 +198,11 @@ impl ChosenProtocol {
     /// The protocol.
     pub const fn protocol(&self) -> &Protocol {
         &self.protocol
+    }
+
+    /// Number of the client that runs it.
+    pub const fn client(&self) -> u64 {
+        self.client
     }
 
     /// Reads the protocol that the options name.
@@ -205,9 +225,15 @@ impl ChosenProtocol {
         Ok(chosen)
     }
 
-    const fn of(protocol: Protocol) -> Self {
-        let (subject, emulate_scanner_s) = (None, None);
-        Self { protocol, subject, emulate_scanner_s, overrides: Vec::new(), original: None }
+    fn of(protocol: Protocol) -> Self {
+        Self {
+            protocol,
+            client: client_number(),
+            subject: None,
+            emulate_scanner_s: None,
+            overrides: Vec::new(),
+            original: None,
+        }
     }
 
     /// The protocol that was played last in a recording, with further overrides.
@@ -233,62 +259,82 @@ fn accepted(answer: &ExperimentAnswer) -> Result<(), Error> {
     if answer.error.is_empty() { Ok(()) } else { Err(Error::Experiment(answer.error.clone())) }
 }
 
-fn follow(
-    link: &RigLink,
-    protocol: &Protocol,
+/// Follows a protocol as its client.
+struct Following<'l> {
+    link: &'l RigLink,
     client: u64,
-    tokens: &mut Tokens,
-    found: &mut Ranges,
-    stop: &AtomicBool,
-    progress: &mut dyn FnMut(&Progress),
-) -> Result<RunOutcome, Error> {
-    let mut shown = Progress {
-        elapsed_s: 0.0,
-        duration_s: protocol.duration_s(),
-        segment: 1,
-        segments: u32::try_from(protocol.count()).unwrap_or(u32::MAX),
-        label: String::new(),
-        absent: false,
-        ranges: Vec::new(),
-        scan: None,
-        sessions: None,
-    };
-    let mut answered = Instant::now();
-    loop {
-        if stop.load(Ordering::Relaxed) {
-            return Ok(RunOutcome::Stopped { elapsed_s: shown.elapsed_s });
+    tokens: Tokens,
+    found: Ranges,
+}
+
+impl Following<'_> {
+    /// Renews the lease until the protocol ends, or ends it.
+    fn until_the_end(
+        &mut self,
+        stop: &AtomicBool,
+        progress: &mut dyn FnMut(&Progress),
+    ) -> Result<RunOutcome, Error> {
+        let outcome = self.follow(stop, progress);
+        if !matches!(outcome, Ok(RunOutcome::Completed { .. })) {
+            // A process that does not answer needs no stop: control holds once the setpoint's lease
+            // expires.
+            let request = ExperimentRequest::Stop { client: Some(self.client) };
+            let _stopped = self.link.experiment(&request);
         }
-        let token = tokens.wait()?;
-        if state_of(&token) != WatchdogState::Enabled {
-            return Ok(tripped(&token));
-        }
-        match link.experiment(&ExperimentRequest::Renew { client }) {
-            Ok(answer) => {
-                answered = Instant::now();
-                shown.absent = false;
-                shown.elapsed_s = answer.elapsed_s;
-                shown.scan = answer.scan;
-                found.read(&mut shown.ranges)?;
-                shown.segment = answer.segment + 1;
-                shown.label.clone_from(&answer.label);
-                shown.sessions.clone_from(&answer.sessions);
-                if answer.permission_lost {
-                    return Ok(tripped(&tokens.wait()?));
-                }
-                if let Some(outcome) = ending(&answer)? {
-                    progress(&shown);
-                    return Ok(outcome);
-                }
+        outcome
+    }
+
+    fn follow(
+        &mut self,
+        stop: &AtomicBool,
+        progress: &mut dyn FnMut(&Progress),
+    ) -> Result<RunOutcome, Error> {
+        let mut shown = Progress::default();
+        let mut answered = Instant::now();
+        loop {
+            if stop.load(Ordering::Relaxed) {
+                return Ok(RunOutcome::Stopped { elapsed_s: shown.elapsed_s });
             }
-            Err(Error::Request(RequestError::NobodyServes(..) | RequestError::TimedOut { .. }))
-                if answered.elapsed() < ABSENCE_LIMIT =>
-            {
-                shown.absent = true;
+            let token = self.tokens.wait()?;
+            if state_of(&token) != WatchdogState::Enabled {
+                return Ok(tripped(&token));
             }
-            Err(error) => return Err(error),
+            match self.link.experiment(&ExperimentRequest::Renew { client: self.client }) {
+                Ok(answer) => {
+                    answered = Instant::now();
+                    shown.take(&answer);
+                    self.found.read(&mut shown.ranges)?;
+                    if answer.permission_lost {
+                        return Ok(tripped(&self.tokens.wait()?));
+                    }
+                    if let Some(outcome) = ending(&answer)? {
+                        progress(&shown);
+                        return Ok(outcome);
+                    }
+                }
+                Err(Error::Request(
+                    RequestError::NobodyServes(..) | RequestError::TimedOut { .. },
+                )) if answered.elapsed() < ABSENCE_LIMIT => {
+                    shown.absent = true;
+                }
+                Err(error) => return Err(error),
+            }
+            progress(&shown);
+            std::thread::sleep(POLL_PERIOD);
         }
-        progress(&shown);
-        std::thread::sleep(POLL_PERIOD);
+    }
+}
+
+impl Progress {
+    fn take(&mut self, answer: &ExperimentAnswer) {
+        self.absent = false;
+        self.elapsed_s = answer.elapsed_s;
+        self.duration_s = answer.duration_s;
+        self.segment = answer.segment + 1;
+        self.segments = answer.segments;
+        self.label.clone_from(&answer.label);
+        self.scan = answer.scan;
+        self.sessions.clone_from(&answer.sessions);
     }
 }
 
@@ -296,7 +342,7 @@ fn follow(
 /// with the overrides applied, the overrides, the identity of the text without them, the subject,
 /// the emulated scanner.
 fn record_run(link: &RigLink, chosen: &ChosenProtocol) -> Result<(), Error> {
-    let ChosenProtocol { protocol, subject, emulate_scanner_s, overrides, original } = chosen;
+    let ChosenProtocol { protocol, subject, emulate_scanner_s, overrides, original, .. } = chosen;
     let all = (!overrides.is_empty()).then(|| overrides.join("\n"));
     let entries = [
         (key::PROTOCOL, Some(protocol.name.clone())),

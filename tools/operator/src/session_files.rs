@@ -44,21 +44,49 @@ impl SessionFiles {
     /// # Errors
     /// Where the protocol has no sessions, nothing is recorded, or one of the files is there.
     pub fn new(link: &RigLink, protocol: &Protocol, name: &Path) -> anyhow::Result<Self> {
-        let sessions = protocol.sequence().filter(|(_, segment)| segment.session).count();
+        let sessions = sessions_of(protocol);
+        let recording = Self::check(link, protocol, name)?;
+        Ok(Self { begun: false, ..Self::begin(recording, name, sessions, 0, now_ns()) })
+    }
+
+    /// Whether the files of a protocol's sessions can be written; the recording in progress.
+    ///
+    /// # Errors
+    /// As [`SessionFiles::new`].
+    pub fn check(link: &RigLink, protocol: &Protocol, name: &Path) -> anyhow::Result<PathBuf> {
+        let sessions = sessions_of(protocol);
         if sessions == 0 {
             bail!("--mat: the protocol \"{}\" has no sessions", protocol.name);
         }
-        let recording = link.logger(&LoggerRequest::Status)?.recording.context(
-            "--mat: the files are written from the recording, and nothing is being recorded: \
-             `farreach rec start FILE` first",
-        )?;
-        let taken = |number: &usize| recorder::session_path(name, *number as u32).exists();
+        let recording = recording_of(link)?;
+        let taken = |number: &u32| recorder::session_path(name, *number).exists();
         if let Some(number) = (1..=sessions).find(taken) {
-            let taken = recorder::session_path(name, number as u32);
+            let taken = recorder::session_path(name, number);
             bail!("--mat: {} is there already; files are never overwritten", taken.display());
         }
+        Ok(recording)
+    }
+
+    /// Goes on with the files of a protocol that another client began, which has ended since: those
+    /// that are there already are its own.
+    ///
+    /// # Errors
+    /// Where nothing is recorded.
+    pub fn resume(
+        link: &RigLink,
+        sessions: u32,
+        name: &Path,
+        since_ns: u64,
+    ) -> anyhow::Result<Self> {
+        let recording = recording_of(link)?;
+        let written = |number: &u32| recorder::session_path(name, *number).exists();
+        let over = (1..=sessions).take_while(written).count() as u32;
+        Ok(Self::begin(recording, name, sessions, over, since_ns))
+    }
+
+    fn begin(recording: PathBuf, name: &Path, sessions: u32, over: u32, since_ns: u64) -> Self {
         let (sender, receiver) = channel::<(WantedSession, Duration)>();
-        let (recording, name) = (PathBuf::from(recording), name.to_owned());
+        let name = name.to_owned();
         let thread = std::thread::spawn(move || {
             let mut written = Vec::new();
             while let Ok((wanted, limit)) = receiver.recv() {
@@ -66,8 +94,12 @@ impl SessionFiles {
             }
             written
         });
-        let (sessions, since_ns) = (sessions as u32, now_ns());
-        Ok(Self { sessions, over: 0, since_ns, begun: false, sender, thread })
+        Self { sessions, over, since_ns, begun: true, sender, thread }
+    }
+
+    /// Only sessions that began since then are this run's (ns, CLOCK_MONOTONIC).
+    pub const fn since_ns(&self) -> u64 {
+        self.since_ns
     }
 
     /// Writes the files of the sessions that have ended since the last call.
@@ -103,6 +135,20 @@ impl SessionFiles {
             vec![Err(anyhow::anyhow!("--mat: the thread that writes the files failed"))]
         })
     }
+}
+
+/// Number of sessions of a protocol.
+fn sessions_of(protocol: &Protocol) -> u32 {
+    protocol.sequence().filter(|(_, segment)| segment.session).count() as u32
+}
+
+/// The recording in progress.
+fn recording_of(link: &RigLink) -> anyhow::Result<PathBuf> {
+    let recording = link.logger(&LoggerRequest::Status)?.recording.context(
+        "--mat: the files are written from the recording, and nothing is being recorded: \
+         `farreach rec start FILE` first",
+    )?;
+    Ok(PathBuf::from(recording))
 }
 
 /// Writes the file of a session once its end is in the recording; `None` where a session that was

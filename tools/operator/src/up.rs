@@ -1,9 +1,10 @@
 //! Bringing a rig up.
 
+use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 
 use acquisition::CardOptions;
-use ipc_types::{CardKind, Profile, processes_with};
+use ipc_types::{CardKind, Process, Profile, processes_with};
 use launch::{Config, StopReport};
 use rig::RigFile;
 use runtime::realtime::{self, PROFILE_VARIABLE};
@@ -25,6 +26,8 @@ pub struct UpOptions {
     pub effects: Vec<String>,
     /// Records from the start into this file.
     pub record: Option<PathBuf>,
+    /// Serves the console's pages at this address; `None` for a rig without a console.
+    pub console: Option<SocketAddr>,
     /// Timing profile; `None` for that of `FARREACH_PROFILE`, or else the one that suits the
     /// measured stalls of the host.
     pub profile: Option<Profile>,
@@ -113,7 +116,7 @@ impl Prepared {
         let run_dir = options.rig_name.run_directory();
         make_private(&run_dir)?;
         let rig_file = keep_copy(&run_dir, &options.rig, &rig)?;
-        let config = config(options, card, &run_dir, &rig_file)?;
+        let config = config_of(options, card, &run_dir, &rig_file)?;
         Ok(Self { config, rig_name: options.rig_name.clone(), rig, rig_file, card: card.kind })
     }
 
@@ -134,7 +137,7 @@ fn make_private(run_dir: &Path) -> Result<(), Error> {
     })
 }
 
-fn config(
+fn config_of(
     options: &UpOptions,
     card: &CardOptions,
     run_dir: &Path,
@@ -150,11 +153,13 @@ fn config(
         ("FARREACH_REPLAY_LOOP", card.looped.to_string()),
         ("FARREACH_EFFECTS", options.effects.join(",")),
         ("FARREACH_RECORD", path(&options.record)?),
+        ("FARREACH_CONSOLE", options.console.map_or_else(String::new, |at| at.to_string())),
         ("FARREACH_LEARNT", learnt_folder()?),
         (PROFILE_VARIABLE, chosen.map_or_else(String::new, |it| it.text().to_owned())),
     ];
+    let console = options.console.and_then(|_| Process::Console.entry());
     let config = Config::new(options.rig_name.as_str(), run_dir, &options.executable)
-        .with_processes(processes_with(card.kind));
+        .with_processes(processes_with(card.kind).chain(console));
     Ok(variables
         .into_iter()
         .fold(config, |config, (name, value)| config.with_environment(name, value)))
@@ -194,6 +199,7 @@ mod tests {
             card,
             effects: Vec::new(),
             record: Some("run.mcap".into()),
+            console: None,
             profile: Some(Profile::BestEffort),
             executable: "/bin/farreach".into(),
         }
@@ -225,7 +231,7 @@ mod tests {
         let card = replay("record.csv");
         let options = options(Some(card.clone()));
         let config =
-            config(&options, &card, Path::new("/run"), Path::new("/run/rig.toml")).unwrap();
+            config_of(&options, &card, Path::new("/run"), Path::new("/run/rig.toml")).unwrap();
         assert!(config.units.iter().all(|unit| unit.name != "simulator"));
         let here = std::env::current_dir().unwrap();
         assert_eq!(
@@ -235,6 +241,13 @@ mod tests {
         assert_eq!(config.environment["FARREACH_RECORD"], here.join("run.mcap").to_str().unwrap());
         assert_eq!(config.environment["FARREACH_REPLAY_LOOP"], "true");
         assert_eq!(config.environment["FARREACH_EFFECTS"], "");
+        assert_eq!(config.environment["FARREACH_CONSOLE"], "");
+        assert!(config.units.iter().all(|unit| unit.name != "console"));
+        let options = UpOptions { console: Some("127.0.0.1:8321".parse().unwrap()), ..options };
+        let config =
+            config_of(&options, &card, Path::new("/run"), Path::new("/run/rig.toml")).unwrap();
+        assert_eq!(config.environment["FARREACH_CONSOLE"], "127.0.0.1:8321");
+        assert!(config.units.iter().any(|unit| unit.name == "console"));
         assert_eq!(config.environment["FARREACH_PROFILE"], "best-effort");
     }
 }

@@ -47,6 +47,7 @@
 //! Standard output carries the result, standard error the diagnosis. Exit code 0: done; 1: failed;
 //! 3: done, but data is missing. It does not depend on who reads the output.
 
+mod all_parts;
 mod args;
 mod cat;
 mod edit;
@@ -69,6 +70,8 @@ pub use mat::{WantedSession, session_path, write_session};
 use output::Output;
 use recording::mcap_read::Recording;
 use scanner::Series;
+pub use sessions::{SessionReport, session_reports};
+pub use signals::{Signal, signals};
 
 /// Everything was done.
 pub const DONE: i32 = 0;

@@ -18,6 +18,7 @@ use recording::mcap_write::key;
 use rig::RigFile;
 
 use crate::DATA_LOST;
+use crate::all_parts::AllParts;
 use crate::ended_sessions::{EndedSession, bar_updates, ended_sessions};
 use crate::mat_file::{Value, encode};
 use crate::output::{none_exists, write_new};
@@ -94,7 +95,7 @@ pub struct WantedSession {
     pub whole: bool,
 }
 
-/// Writes the file of one session; returns its path, and `None` where the recording does not have
+/// Writes the file of one session of a recording, of which any part may be named; returns its path, and `None` where the recording does not have
 /// the session, or all of its samples, yet.
 ///
 /// # Errors
@@ -104,7 +105,7 @@ pub fn write_session(
     wanted: WantedSession,
     name: &Path,
 ) -> anyhow::Result<Option<PathBuf>> {
-    let recording = Recording::open(file)?;
+    let recording = AllParts::open(file)?;
     let sessions = ended_sessions(&recording)?;
     let fits = |session: &&EndedSession| {
         session.number() == wanted.number

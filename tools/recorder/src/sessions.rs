@@ -8,6 +8,7 @@ use ipc_types::{AXES, COMMAND, Mode, MotorCommand, SAMPLE, Sample, SessionOutcom
 use recording::mcap_read::Recording;
 use serde::Serialize;
 
+use crate::all_parts::AllParts;
 use crate::ended_sessions::{EndedSession, ended_sessions};
 use crate::inspect::grouped;
 use crate::output::{none_exists, write_new};
@@ -17,34 +18,39 @@ use crate::{DATA_LOST, DONE};
 /// Sums that differ by more than this from those over the recorded samples are told, as a share.
 const ROUNDING: f64 = 1e-9;
 
-/// A session that has ended.
-#[derive(Serialize)]
-struct Session {
+/// A session that has ended, as `rec sessions --json` prints it.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct SessionReport {
     /// Its number in its protocol, from 1.
-    number: u32,
+    pub number: u32,
     /// How many the protocol has.
-    of: u32,
+    pub of: u32,
     /// Name of its segment.
-    label: String,
-    outcome: &'static str,
+    pub label: String,
+    /// How it ended: `whole`, `stopped` or `interrupted`.
+    pub outcome: &'static str,
     /// When it began, since the recording began (s).
-    t_s: f64,
-    duration_s: f64,
-    planned_s: f64,
-    samples: u64,
-    samples_missed: u64,
+    pub t_s: f64,
+    /// How long it took (s).
+    pub duration_s: f64,
+    /// How long it was to take (s).
+    pub planned_s: f64,
+    /// Samples in its sums.
+    pub samples: u64,
+    /// Samples of it that are missing in the sums.
+    pub samples_missed: u64,
     /// Mean magnitude of the hand's torque on each axis (N·m or N).
-    mean_torque: Vec<f64>,
+    pub mean_torque: Vec<f64>,
     /// What the next session has to match; `null` where they match nothing.
-    value: Option<Vec<f64>>,
+    pub value: Option<Vec<f64>>,
     /// What it had to match itself; `null` for the first.
-    target: Option<Vec<f64>>,
+    pub target: Option<Vec<f64>>,
     /// Root mean square of the master's distance from its reference, per axis (rad or m); `null`
     /// where the hand moved freely, or nothing of it was recorded.
-    tracking_error: Option<Vec<f64>>,
+    pub tracking_error: Option<Vec<f64>>,
     /// Largest difference of its sums from those over the recorded samples, as a share of the
     /// larger; `null` where no samples were recorded.
-    sums_differ_by: Option<f64>,
+    pub sums_differ_by: Option<f64>,
 }
 
 /// A session while the recording is read.
@@ -76,25 +82,21 @@ pub(crate) fn sessions(
         }
         _ => None,
     };
-    let mut readings: Vec<Reading> = ended.into_iter().map(Reading::new).collect();
-    if readings.is_empty() {
+    if ended.is_empty() {
         bail!(
             "{}: no session has ended in it; `[matching]` and segments with `session = true` make \
              sessions",
             file.display()
         );
     }
-    add_references(&recording, &mut readings)?;
-    add_samples(&recording, &mut readings)?;
-    let began_ns = recording.began_monotonic_ns();
-    let sessions: Vec<Session> = readings.iter().map(|reading| reading.session(began_ns)).collect();
+    let sessions = reports_of(&recording, ended)?;
     if let Some(path) = table {
         write_new(path, as_csv(&sessions)?)?;
     }
     if let Some((path, figure)) = figure {
         write_new(path, figure)?;
     }
-    let incomplete = |session: &Session| {
+    let incomplete = |session: &SessionReport| {
         session.samples_missed > 0
             || session.outcome != SessionOutcome::Whole.text()
             || session.sums_differ_by.is_some_and(|share| share > ROUNDING)
@@ -106,6 +108,28 @@ pub(crate) fn sessions(
     }
     tell(file, &sessions, out)?;
     Ok(code)
+}
+
+/// The sessions that have ended in a recording, also one that is being written, in the order of
+/// their beginnings. Any of its parts may be named.
+///
+/// # Errors
+/// Those of reading.
+pub fn session_reports(recording: &Path) -> anyhow::Result<Vec<SessionReport>> {
+    let recording = AllParts::open(recording)?;
+    let ended = ended_sessions(&recording)?;
+    reports_of(&recording, ended)
+}
+
+fn reports_of(
+    recording: &Recording,
+    ended: Vec<EndedSession>,
+) -> anyhow::Result<Vec<SessionReport>> {
+    let mut readings: Vec<Reading> = ended.into_iter().map(Reading::new).collect();
+    add_references(recording, &mut readings)?;
+    add_samples(recording, &mut readings)?;
+    let began_ns = recording.began_monotonic_ns();
+    Ok(readings.iter().map(|reading| reading.session(began_ns)).collect())
 }
 
 /// The session in which an instant lies (ns, CLOCK_MONOTONIC).
@@ -175,13 +199,13 @@ impl Reading {
         }
     }
 
-    fn session(&self, began_ns: u64) -> Session {
+    fn session(&self, began_ns: u64) -> SessionReport {
         let result = &self.ended.result;
         let axes = if self.axes > 0 { self.axes } else { 1 };
         let bars = usize::from(result.bars).min(result.value.len());
         let mean = |sum: f64| if result.samples > 0 { sum / result.samples as f64 } else { 0.0 };
         let rms = |sum: f64| (sum / self.matched as f64).sqrt();
-        Session {
+        SessionReport {
             number: result.number,
             of: result.sessions,
             label: self.ended.label.clone(),
@@ -220,7 +244,7 @@ fn numbers(values: &[f64]) -> String {
     values.iter().map(|value| format!("{value:.4}")).collect::<Vec<_>>().join(" ")
 }
 
-fn tell(file: &Path, sessions: &[Session], out: &mut dyn Write) -> anyhow::Result<()> {
+fn tell(file: &Path, sessions: &[SessionReport], out: &mut dyn Write) -> anyhow::Result<()> {
     let whole = SessionOutcome::Whole.text();
     let complete = sessions.iter().filter(|session| session.outcome == whole).count();
     writeln!(out, "{}: {complete} whole sessions of {}", file.display(), sessions.len())?;
@@ -261,7 +285,7 @@ fn tell(file: &Path, sessions: &[Session], out: &mut dyn Write) -> anyhow::Resul
 }
 
 /// What is to be said of a session beside its row.
-fn notes(session: &Session) -> Vec<String> {
+fn notes(session: &SessionReport) -> Vec<String> {
     let mut notes = Vec::new();
     if let Some(error) = &session.tracking_error {
         notes.push(format!("{} rms from the reference (rad or m)", numbers(error)));
@@ -284,7 +308,7 @@ fn notes(session: &Session) -> Vec<String> {
 }
 
 /// The table as CSV; the values of several axes or muscle groups have a column each.
-fn as_csv(sessions: &[Session]) -> anyhow::Result<Vec<u8>> {
+fn as_csv(sessions: &[SessionReport]) -> anyhow::Result<Vec<u8>> {
     let mut table = csv::Writer::from_writer(Vec::new());
     let axes = sessions.iter().map(|session| session.mean_torque.len()).max().unwrap_or(1);
     let bars = sessions.iter().filter_map(|session| session.value.as_ref());

@@ -8,11 +8,11 @@ use rig::{AxisUnit, ChannelKind, RigFile};
 
 /// One signal of every sample.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Signal {
+pub struct Signal {
     /// Name: that of the channel, or the axis's with what is measured.
-    pub(crate) name: String,
+    pub name: String,
     /// Unit of its values.
-    pub(crate) unit: String,
+    pub unit: String,
     source: Source,
 }
 
@@ -28,7 +28,7 @@ enum Source {
 
 impl Signal {
     /// Its value in a sample; NaN where the sample does not have it.
-    pub(crate) fn value(&self, sample: &Sample) -> f64 {
+    pub fn value(&self, sample: &Sample) -> f64 {
         let present = |bits: u8, axis: usize| bits & 1 << axis != 0;
         let value = match self.source {
             Source::Master(axis) => {
@@ -64,7 +64,7 @@ pub(crate) fn rig_file(recording: &Recording) -> anyhow::Result<RigFile> {
 
 /// The signals of a rig: positions, torque and motor voltage of each axis, then the inputs of the
 /// card. A torque cell's input is left out, as its torque is there.
-pub(crate) fn signals(rig: &RigFile) -> Vec<Signal> {
+pub fn signals(rig: &RigFile) -> Vec<Signal> {
     let mut signals = Vec::new();
     for (at, axis) in rig.axes.iter().enumerate().take(AXES) {
         let (position, force) = match axis.unit {

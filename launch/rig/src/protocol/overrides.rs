@@ -74,7 +74,7 @@ fn set(document: &mut DocumentMut, line: usize, assignment: &str) -> Result<(), 
 }
 
 /// One step of the path: a key, or an index from 0. `Err` says what would have been there.
-fn descend<'i>(item: &'i mut Item, step: &str) -> Result<&'i mut Item, String> {
+pub(super) fn descend<'i>(item: &'i mut Item, step: &str) -> Result<&'i mut Item, String> {
     let among = match &*item {
         Item::ArrayOfTables(list) => format!("an index from 0 to {}", list.len().saturating_sub(1)),
         _ => {

@@ -13,7 +13,8 @@ use super::{RunArguments, print, print_json};
 use crate::run::causes;
 use crate::up::absolute;
 use crate::{
-    ChosenProtocol, DATA_LOST, DONE, Error, FAILED, Progress, RigLink, RunOutcome, SessionFiles,
+    ChosenProtocol, ConsoleAddress, DATA_LOST, DONE, Error, FAILED, Progress, RigLink, RunOutcome,
+    SessionFiles,
 };
 
 fn link(rig_name: &RigName) -> Result<RigLink, Error> {
@@ -125,6 +126,15 @@ pub(super) fn stop(rig_name: &RigName, as_json: bool) -> anyhow::Result<i32> {
         },
     );
     print(as_json, value, &text)?;
+    Ok(DONE)
+}
+
+pub(super) fn console(rig_name: &RigName, as_json: bool) -> anyhow::Result<i32> {
+    let address = ConsoleAddress::read(rig_name)?
+        .ok_or_else(|| Error::NoConsole { rig: rig_name.to_string() })?;
+    let (operator, subject) = (address.operator(), address.subject());
+    let text = format!("operator  {operator}\nsubject   {subject}");
+    print(as_json, json!({ "operator": operator, "subject": subject }), &text)?;
     Ok(DONE)
 }
 

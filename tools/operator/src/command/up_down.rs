@@ -10,7 +10,7 @@ use runtime::RigName;
 use serde_json::json;
 
 use super::{UpArguments, print_json};
-use crate::{Cleaning, DONE, Down, Error, Up, UpOptions};
+use crate::{Cleaning, ConsoleAddress, DONE, Down, Error, Up, UpOptions};
 
 /// The price of the best-effort profile.
 const BEST_EFFORT_COSTS: &str =
@@ -35,10 +35,14 @@ pub(super) fn up(arguments: &UpArguments, rig_name: &RigName) -> anyhow::Result<
         return Ok(DONE);
     }
     let up = crate::up(&options)?;
+    let console = match options.console {
+        Some(_) => ConsoleAddress::read(rig_name)?,
+        None => None,
+    };
     if arguments.json.json {
-        print_json(&json_of(&up))?;
+        print_json(&json_of(&up, console))?;
     } else {
-        print_up(&mut out, &up, &options)?;
+        print_up(&mut out, &up, &options, console)?;
     }
     Ok(DONE)
 }
@@ -65,12 +69,13 @@ fn options(arguments: &UpArguments, rig_name: &RigName) -> Result<UpOptions, Err
         card,
         effects: arguments.effects.clone(),
         record: arguments.record.clone(),
+        console: arguments.console,
         profile: arguments.profile,
         executable,
     })
 }
 
-fn json_of(up: &Up) -> serde_json::Value {
+fn json_of(up: &Up, console: Option<ConsoleAddress>) -> serde_json::Value {
     let pid = |unit: &launch::UnitStatus| unit.process.map(|process| process.pid);
     let processes: Vec<_> = up
         .running
@@ -90,10 +95,18 @@ fn json_of(up: &Up) -> serde_json::Value {
         "session": format!("{:016x}", up.session),
         "launcher": up.running.launcher.pid,
         "processes": processes,
+        "console": console.map(|console| {
+            json!({ "operator": console.operator(), "subject": console.subject() })
+        }),
     })
 }
 
-fn print_up(out: &mut dyn Write, up: &Up, options: &UpOptions) -> anyhow::Result<()> {
+fn print_up(
+    out: &mut dyn Write,
+    up: &Up,
+    options: &UpOptions,
+    console: Option<ConsoleAddress>,
+) -> anyhow::Result<()> {
     let UpOptions { rig_name, record, .. } = options;
     let chosen = options.profile.or_else(runtime::realtime::chosen_profile);
     let names: Vec<_> = up.running.status.units.iter().map(|unit| unit.name.as_str()).collect();
@@ -106,6 +119,10 @@ fn print_up(out: &mut dyn Write, up: &Up, options: &UpOptions) -> anyhow::Result
     writeln!(out, "  logs       {}", up.running.run_dir.display())?;
     if let Some(record) = record {
         writeln!(out, "  recording  {}", record.display())?;
+    }
+    if let Some(address) = console {
+        writeln!(out, "  operator   {}", address.operator())?;
+        writeln!(out, "  subject    {}", address.subject())?;
     }
     if let Some(stall) = up.host_stall {
         writeln!(out, "  stalls     {stall}, measured over {:?}", runtime::MEASURED_FOR)?;

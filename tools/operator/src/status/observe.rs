@@ -76,6 +76,8 @@ pub(super) struct Observer {
     pub(super) pulses: Latest<ScannerPulse>,
     timings: Vec<Latest<LoopTiming>>,
     heartbeats: Vec<Latest<Heartbeat>>,
+    /// Of them those that every rig has.
+    expected: usize,
     losses: Subscriber<LossCounters>,
     events: Option<Subscriber<Event>>,
     /// Newest counters of each topic.
@@ -93,7 +95,11 @@ impl Observer {
     /// If a topic has no slot for another subscriber.
     pub(super) fn new(link: &RigLink) -> Result<Self, Error> {
         let timings = Process::ALL.iter().filter_map(|process| timing_topic(*process));
-        let heartbeats = Process::ALL.iter().filter_map(|process| heartbeat_topic(*process));
+        let optional = |process: &Process| process.entry().is_some_and(|entry| entry.optional);
+        let (may, must): (Vec<Process>, Vec<Process>) =
+            Process::ALL.iter().partition(|it| optional(it));
+        let heartbeats = |of: Vec<Process>| of.into_iter().filter_map(heartbeat_topic);
+        let must: Vec<_> = heartbeats(must).collect();
         Ok(Self {
             samples: Latest::new(link.subscriber(SAMPLE)?),
             commands: Latest::new(link.subscriber(COMMAND)?),
@@ -102,7 +108,10 @@ impl Observer {
             timings: timings
                 .map(|topic| Ok(Latest::new(link.subscriber(topic)?)))
                 .collect::<Result<_, Error>>()?,
-            heartbeats: heartbeats
+            expected: must.len(),
+            heartbeats: must
+                .into_iter()
+                .chain(heartbeats(may))
                 .map(|topic| Ok(Latest::new(link.subscriber(topic)?)))
                 .collect::<Result<_, Error>>()?,
             losses: link.subscriber(LOSS)?,
@@ -195,7 +204,7 @@ impl Observer {
         self.samples.newest.is_some()
             && self.tokens.newest.is_some()
             && self.timings.iter().all(|latest| latest.newest.is_some())
-            && self.heartbeats.iter().all(|latest| latest.newest.is_some())
+            && self.heartbeats[..self.expected].iter().all(|latest| latest.newest.is_some())
             && !self.loss.is_empty()
     }
 }

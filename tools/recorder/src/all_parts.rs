@@ -1,0 +1,46 @@
+//! A recording with all of its parts, read as one.
+
+use std::collections::BTreeMap;
+use std::ops::Deref;
+use std::path::Path;
+
+use recording::mcap_edit::rewrite;
+use recording::mcap_read::Recording;
+use recording::parts_of;
+use tempfile::TempDir;
+
+/// A recording; where it has several parts, a copy of them in one file, which goes with it.
+pub(crate) struct AllParts {
+    recording: Recording,
+    _copy: Option<TempDir>,
+}
+
+impl AllParts {
+    /// Opens a recording, which any of its parts may name.
+    ///
+    /// # Errors
+    /// Where a part cannot be read, or the copy not be written.
+    pub(crate) fn open(file: &Path) -> anyhow::Result<Self> {
+        let parts = parts_of(file);
+        let [_, _, ..] = parts.as_slice() else {
+            return Ok(Self { recording: Recording::open(file)?, _copy: None });
+        };
+        let mut recordings = Vec::with_capacity(parts.len());
+        for part in &parts {
+            recordings.push(Recording::open(part)?);
+        }
+        let sources: Vec<&Recording> = recordings.iter().collect();
+        let copy = TempDir::with_prefix("farreach-parts-")?;
+        let path = copy.path().join("all.mcap");
+        rewrite(&sources, None, None, &BTreeMap::new(), &path)?;
+        Ok(Self { recording: Recording::open(&path)?, _copy: Some(copy) })
+    }
+}
+
+impl Deref for AllParts {
+    type Target = Recording;
+
+    fn deref(&self) -> &Recording {
+        &self.recording
+    }
+}

@@ -1,0 +1,55 @@
+//! The console: pages for the operator and for the subject, served to browsers.
+//!
+//! ```text
+//! $ farreach up --simulate --console --record /data/S07.mcap
+//! $ farreach console
+//! operator  http://127.0.0.1:8321/#token=6f1c…
+//! subject   http://127.0.0.1:8321/subject
+//! ```
+//!
+//! The operator's page sets a protocol up, homes the rig, starts and stops, and shows interlocks,
+//! scanner, sessions, losses and live signals. The subject's page shows bars, light and an
+//! instruction. Whoever reaches the address may watch; whoever shows the token may stop the rig;
+//! one page at a time has control.
+//!
+//! The process is a client of the rig like the command line: it asks the watchdog, the logger and
+//! the experiment process, and reads topics. The rig does not depend on it, and a console that is
+//! killed goes on with the protocol that it plays when it is started again.
+//!
+//! | thread | what it does |
+//! |---|---|
+//! | main | reads topics, tells the pages, publishes the console's events |
+//! | web | serves pages and WebSockets |
+//! | urgent | verbs and stops, which wait for nothing |
+//! | commands | what may take its time |
+//! | runner | plays protocols |
+//! | sessions | reads the list of sessions from the recording |
+//! | status | asks for processes, rates and losses once a second |
+#![forbid(unsafe_code)]
+
+mod access;
+mod actions;
+mod board;
+mod commands;
+mod desk;
+mod host_check;
+mod page_clock;
+mod page_link;
+mod plot_batch;
+mod process;
+mod request;
+mod rig_view;
+mod run_state;
+mod runner;
+mod session_list;
+mod subject_view;
+mod web;
+
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+pub use process::{ConsoleError, run};
+
+/// Locks; what a thread that panicked left behind is still whole, as every value is set at once.
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}

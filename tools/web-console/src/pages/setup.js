@@ -1,0 +1,133 @@
+// The setup: which protocol, with which values. Values are checked by the console, which says what
+// is wrong with which; a change asks for a new build.
+
+"use strict";
+
+const Setup = (() => {
+    const element = (id) => document.getElementById(id);
+    let entries = [];
+    let build = null;
+
+    function begin(protocols) {
+        const chosen = localStorage.getItem("farreach.protocol") || "force-matching";
+        element("protocol").replaceChildren(...protocols.map((name) => new Option(name, name)));
+        element("protocol").value = protocols.includes(chosen) ? chosen : protocols[0];
+        listPresets();
+    }
+
+    // Reads the values of the protocol that is chosen.
+    async function describe(values) {
+        const protocol = element("protocol").value;
+        localStorage.setItem("farreach.protocol", protocol);
+        stale();
+        const answer = await Link.send({ do: "describe", protocol });
+        if (protocol !== element("protocol").value) { return; }
+        element("description").textContent = answer.ok ? answer.data.description : answer.text;
+        entries = answer.ok ? answer.data.entries : [];
+        element("entries").replaceChildren(...entries.map((entry) => row(entry, values || {})));
+    }
+
+    function row(entry, values) {
+        const line = document.createElement("label");
+        line.className = "entry";
+        line.dataset.path = entry.path;
+        line.title = `${entry.path}: ${entry.about}`;
+        const name = document.createElement("span");
+        const parts = entry.path.split(".");
+        name.textContent = parts[0] === "segments" ? parts.slice(1).join(" ") : parts.slice(-1)[0];
+        const input = document.createElement("input");
+        input.value = values[entry.path] ?? entry.value ?? "";
+        input.placeholder = entry.default;
+        input.autocomplete = "off";
+        const limits = document.createElement("small");
+        limits.textContent = entry.accepts;
+        input.oninput = () => {
+            line.classList.toggle("changed", input.value.trim() !== (entry.value ?? ""));
+            wrong(line, entry, null);
+            stale();
+        };
+        line.classList.toggle("changed", input.value !== (entry.value ?? ""));
+        line.append(name, input, limits);
+        return line;
+    }
+
+    function wrong(line, entry, text) {
+        line.classList.toggle("wrong", text !== null);
+        line.querySelector("small").textContent = text === null ? entry.accepts : text;
+    }
+
+    // What was built is not what the entries say any more.
+    function stale() {
+        build = null;
+        element("problems").textContent = "";
+    }
+
+    // The values that differ from those of the file.
+    function changed() {
+        const values = {};
+        for (const entry of entries) {
+            const line = document.querySelector(`.entry[data-path="${CSS.escape(entry.path)}"]`);
+            const value = line ? line.querySelector("input").value.trim() : "";
+            if (value !== "" && value !== (entry.value ?? "")) { values[entry.path] = value; }
+        }
+        return values;
+    }
+
+    function request() {
+        const emulate = element("emulate").value.trim();
+        return {
+            do: "build",
+            protocol: element("protocol").value,
+            entries: changed(),
+            subject: element("subject").value.trim(),
+            files: element("files").value.trim(),
+            emulate_scanner_s: emulate === "" ? null : Number(emulate),
+        };
+    }
+
+    async function send() {
+        const answer = await Link.send(request());
+        build = answer.ok ? answer.data.build : null;
+        element("problems").textContent = answer.ok ? "" : answer.text;
+        for (const entry of entries) {
+            const line = document.querySelector(`.entry[data-path="${CSS.escape(entry.path)}"]`);
+            const problem = (answer.problems || []).find((it) => it.key === entry.path);
+            if (line) { wrong(line, entry, problem ? problem.text : null); }
+            if (line && problem) { line.scrollIntoView({ block: "nearest" }); }
+        }
+        return answer;
+    }
+
+    const presets = () => JSON.parse(localStorage.getItem("farreach.presets") || "{}");
+
+    function listPresets() {
+        const names = Object.keys(presets()).sort();
+        element("preset").replaceChildren(new Option("presets", ""),
+            ...names.map((name) => new Option(name, name)));
+    }
+
+    function keep() {
+        const name = prompt("Name of the preset", element("protocol").value);
+        if (!name) { return; }
+        const { protocol, entries: values, emulate_scanner_s } = request();
+        const all = presets();
+        all[name] = { protocol, values, emulate_scanner_s };
+        localStorage.setItem("farreach.presets", JSON.stringify(all));
+        listPresets();
+    }
+
+    function load(name) {
+        const preset = presets()[name];
+        if (!preset) { return; }
+        element("protocol").value = preset.protocol;
+        element("emulate").value = preset.emulate_scanner_s ?? "";
+        describe(preset.values);
+    }
+
+    element("protocol").onchange = () => describe();
+    element("preset").onchange = (event) => load(event.target.value);
+    element("keep").onclick = keep;
+    for (const id of ["subject", "files", "emulate"]) { element(id).oninput = stale; }
+
+    return { begin, describe, send, built: () => build };
+})();

@@ -1,0 +1,303 @@
+//! What a page may ask for. Nothing here acts: a text becomes a [`Message`] or an error.
+
+use std::collections::BTreeMap;
+
+use ipc_types::{TEXT, Verb};
+use serde::Deserialize;
+
+/// Longest message of a page (bytes).
+pub(crate) const LONGEST: usize = 65_536;
+/// Longest name of a subject or a file (bytes).
+const LONGEST_NAME: usize = 200;
+/// Most entries of a setup.
+const MOST_ENTRIES: usize = 1000;
+
+/// A message of a page.
+#[derive(Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Message {
+    /// Number that the answer repeats; the page chose it.
+    pub(crate) id: u64,
+    /// What it asks for.
+    pub(crate) request: Request,
+}
+
+/// A request. Times of the page are those of its own clock (ms), times of the console those of
+/// `CLOCK_MONOTONIC` (ms).
+#[derive(Debug, PartialEq, Deserialize)]
+#[serde(tag = "do", rename_all = "kebab-case", deny_unknown_fields)]
+pub(crate) enum Request {
+    /// Shows the token, which makes a page one that may control the rig.
+    Hello {
+        /// The token.
+        token: String,
+    },
+    /// Takes control from the page that has it.
+    TakeControl,
+    /// A verb for the watchdog.
+    Verb {
+        /// Which.
+        verb: Verb,
+    },
+    /// Asks for the values of a protocol and their limits.
+    Describe {
+        /// Name of a shipped protocol, or path of a file.
+        protocol: String,
+    },
+    /// Reads and checks a protocol with values, so that it can be started.
+    Build(Setup),
+    /// Plays the protocol that finds the stops.
+    Initialise,
+    /// Plays the protocol that was built.
+    Start {
+        /// Its identity, from the answer to `build`.
+        build: String,
+    },
+    /// Ends the running protocol.
+    Stop,
+    /// A note of the operator, for the recording.
+    Note {
+        /// Its text.
+        text: String,
+    },
+    /// Begins a recording.
+    Record {
+        /// Absolute path of the file.
+        file: String,
+    },
+    /// Ends the recording.
+    EndRecording,
+    /// Checks again which processes answer.
+    Refresh,
+    /// Answers a message of the clock.
+    Echo {
+        /// When the console sent it (ms).
+        server_ms: f64,
+        /// When the page had it (ms).
+        page_ms: f64,
+    },
+    /// A bar is on the page's screen.
+    Shown {
+        /// Instant of what it shows (ms).
+        at_ms: f64,
+        /// When the frame was drawn (ms).
+        page_ms: f64,
+    },
+}
+
+/// What is to be played.
+#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Setup {
+    /// Name of a shipped protocol, or path of a file.
+    pub(crate) protocol: String,
+    /// Values that differ from the file's, by key.
+    #[serde(default)]
+    pub(crate) entries: BTreeMap<String, String>,
+    /// Code of the subject; may be empty.
+    #[serde(default)]
+    pub(crate) subject: String,
+    /// Repetition time of an emulated scanner (s).
+    #[serde(default)]
+    pub(crate) emulate_scanner_s: Option<f64>,
+    /// Name of the sessions' MATLAB files, beside the recording; empty for none.
+    #[serde(default)]
+    pub(crate) files: String,
+}
+
+/// What a page needs for a request.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) enum Level {
+    /// Nothing: measurements, the token itself.
+    Anyone,
+    /// The token: what stops the rig, and taking control.
+    Token,
+    /// The token and control: one page at a time.
+    Control,
+}
+
+impl Request {
+    /// What a page needs for it. Whoever has the token may stop the rig.
+    pub(crate) const fn level(&self) -> Level {
+        match self {
+            Self::Hello { .. } | Self::Echo { .. } | Self::Shown { .. } => Level::Anyone,
+            Self::TakeControl
+            | Self::Stop
+            | Self::Describe { .. }
+            | Self::Refresh
+            | Self::Verb { verb: Verb::Estop | Verb::Disarm } => Level::Token,
+            _ => Level::Control,
+        }
+    }
+
+    /// Whether it must not wait behind others: what takes power or movement away.
+    pub(crate) const fn is_urgent(&self) -> bool {
+        matches!(self, Self::Stop | Self::Verb { .. })
+    }
+}
+
+/// Reads a message.
+///
+/// # Errors
+/// What is wrong with it, in words.
+pub(crate) fn parse(text: &str) -> Result<Message, String> {
+    if text.len() > LONGEST {
+        return Err(format!("a message of {} bytes; at most {LONGEST} are read", text.len()));
+    }
+    let message: Message =
+        serde_json::from_str(text).map_err(|error| format!("no message of a page: {error}"))?;
+    check(&message.request)?;
+    Ok(message)
+}
+
+/// Bounds of what JSON alone does not bound.
+fn check(request: &Request) -> Result<(), String> {
+    match request {
+        Request::Note { text } => note(text),
+        Request::Record { file } => name("file", file),
+        Request::Describe { protocol } => name("protocol", protocol),
+        Request::Build(setup) => {
+            name("protocol", &setup.protocol)?;
+            name("subject", &setup.subject)?;
+            name("files", &setup.files)?;
+            if setup.entries.len() > MOST_ENTRIES {
+                let found = setup.entries.len();
+                return Err(format!("expected at most {MOST_ENTRIES} entries, found {found}"));
+            }
+            Ok(())
+        }
+        _ => Ok(()),
+    }
+}
+
+fn name(what: &str, text: &str) -> Result<(), String> {
+    if text.len() > LONGEST_NAME {
+        let found = text.len();
+        return Err(format!("{what}: expected at most {LONGEST_NAME} bytes, found {found}"));
+    }
+    if text.chars().any(char::is_control) {
+        return Err(format!("{what}: expected a line of text, found a control character"));
+    }
+    Ok(())
+}
+
+/// A note is an event: its text must fit there whole.
+fn note(text: &str) -> Result<(), String> {
+    name("note", text)?;
+    if text.trim().is_empty() || text.len() > TEXT {
+        let found = text.len();
+        return Err(format!("note: expected a text of at most {TEXT} bytes, found {found}"));
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, clippy::expect_used)]
+
+    use proptest::prelude::*;
+
+    use super::*;
+
+    fn request(text: &str) -> Request {
+        parse(&format!("{{\"id\": 7, \"request\": {text}}}")).unwrap().request
+    }
+
+    #[test]
+    fn requests_are_read() {
+        assert_eq!(request(r#"{"do": "verb", "verb": "arm"}"#), Request::Verb { verb: Verb::Arm });
+        assert_eq!(request(r#"{"do": "stop"}"#), Request::Stop);
+        let Request::Build(setup) = request(
+            r#"{"do": "build", "protocol": "force-matching", "subject": "Jörg Ångström",
+                "entries": {"matching.sets": "1"}, "emulate_scanner_s": 2, "files": "S1_"}"#,
+        ) else {
+            panic!("no setup")
+        };
+        assert_eq!(setup.subject, "Jörg Ångström");
+        assert_eq!(setup.entries["matching.sets"], "1");
+        assert_eq!(setup.emulate_scanner_s, Some(2.0));
+    }
+
+    #[test]
+    fn what_is_wrong_is_told() {
+        for (text, part) in [
+            ("", "no message"),
+            ("{\"id\": 1}", "request"),
+            (r#"{"id": 1, "request": {"do": "fly"}}"#, "fly"),
+            (r#"{"id": 1, "request": {"do": "verb", "verb": "enable!"}}"#, "enable!"),
+            (r#"{"id": 1, "request": {"do": "stop"}, "x": 1}"#, "x"),
+            (r#"{"id": 1, "request": {"do": "note", "text": " "}}"#, "note"),
+            (r#"{"id": 1, "request": {"do": "record", "file": "a\u0000b"}}"#, "control character"),
+        ] {
+            let error = parse(text).unwrap_err();
+            assert!(error.contains(part), "{text}: {error}");
+        }
+        let long = "x".repeat(TEXT + 1);
+        let note = format!(r#"{{"id": 1, "request": {{"do": "note", "text": "{long}"}}}}"#);
+        assert!(parse(&note).unwrap_err().contains(&format!("at most {TEXT}")));
+        assert!(parse(&"[".repeat(LONGEST + 1)).unwrap_err().contains("bytes"));
+        // Deeper than the parser goes.
+        assert!(parse(&"[".repeat(LONGEST)).is_err());
+    }
+
+    #[test]
+    fn whoever_has_the_token_may_stop_the_rig_and_nobody_else_may_power_it() {
+        let level = |text| request(text).level();
+        assert_eq!(level(r#"{"do": "stop"}"#), Level::Token);
+        assert_eq!(level(r#"{"do": "verb", "verb": "estop"}"#), Level::Token);
+        for control in [
+            r#"{"do": "verb", "verb": "reset"}"#,
+            r#"{"do": "verb", "verb": "arm"}"#,
+            r#"{"do": "verb", "verb": "enable"}"#,
+            r#"{"do": "initialise"}"#,
+            r#"{"do": "start", "build": "1"}"#,
+            r#"{"do": "end-recording"}"#,
+        ] {
+            assert_eq!(level(control), Level::Control, "{control}");
+        }
+    }
+
+    /// Texts that are nearly messages, so that more than the first byte is read.
+    fn nearly() -> impl Strategy<Value = String> {
+        let word = prop::sample::select(vec![
+            "id", "request", "do", "verb", "arm", "enable", "start", "build", "hello", "token",
+            "note", "text", "entries", "protocol", "echo", "page_ms", "1e999", "-1", "null", "{",
+            "}", "[", "]", ":", ",", "\"", "\\u0000", "0.5", "stop",
+        ]);
+        let quoted = prop::bool::ANY;
+        prop::collection::vec((word, quoted), 0..40).prop_map(|words| {
+            let part = |(word, quoted): (&str, bool)| match quoted {
+                true => format!("\"{word}\""),
+                false => word.to_owned(),
+            };
+            words.into_iter().map(part).collect()
+        })
+    }
+
+    /// A message with one character changed.
+    fn damaged() -> impl Strategy<Value = String> {
+        let message = prop::sample::select(vec![
+            r#"{"id": 1, "request": {"do": "verb", "verb": "enable"}}"#,
+            r#"{"id": 1, "request": {"do": "start", "build": "00"}}"#,
+            r#"{"id": 1, "request": {"do": "hello", "token": "0123456789abcdef"}}"#,
+            r#"{"id": 1, "request": {"do": "build", "protocol": "steps", "entries": {"a": "1"}}}"#,
+        ]);
+        (message, any::<prop::sample::Index>(), any::<char>()).prop_map(|(text, at, new)| {
+            let mut characters: Vec<char> = text.chars().collect();
+            let at = at.index(characters.len());
+            characters[at] = new;
+            characters.into_iter().collect()
+        })
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(10_000))]
+
+        #[test]
+        fn any_text_is_a_message_or_an_error(
+            text in prop_oneof![".{0,200}", nearly(), damaged()],
+        ) {
+            let _read = parse(&text);
+        }
+    }
+}

@@ -1,0 +1,135 @@
+//! The rig as the operator sees it: the newest messages of its topics.
+
+use ipc_types::{
+    EnableToken, Event, EventKind, GateState, Mode, Performance, Process, Sample, Severity,
+    TripCause, WatchdogState,
+};
+use rig::{AxisUnit, RigFile};
+use serde_json::{Value, json};
+
+/// A message that is older says nothing of the present (ns).
+const FRESH_NS: u64 = 300_000_000;
+
+/// Newest messages.
+#[derive(Default)]
+pub(crate) struct RigView {
+    pub(crate) token: Option<EnableToken>,
+    pub(crate) sample: Option<Sample>,
+    pub(crate) performance: Option<Performance>,
+    /// What control does, with the time of its command (ns).
+    pub(crate) mode: Option<(Mode, u64)>,
+}
+
+impl RigView {
+    /// State of the watchdog; `None` where it is silent.
+    pub(crate) fn watchdog(&self, now_ns: u64) -> Option<WatchdogState> {
+        let token = self.token.filter(|token| is_fresh(token.time_ns, now_ns))?;
+        WatchdogState::from_code(token.state)
+    }
+
+    /// What control does now; `None` where it is silent.
+    pub(crate) fn mode(&self, now_ns: u64) -> Option<Mode> {
+        self.mode.filter(|(_, at_ns)| is_fresh(*at_ns, now_ns)).map(|(mode, _)| mode)
+    }
+
+    /// Interlocks, gate, homing and handle.
+    pub(crate) fn state(&self, rig: &RigFile, now_ns: u64) -> Value {
+        let token = self.token.filter(|token| is_fresh(token.time_ns, now_ns));
+        let sample = self.sample.filter(|sample| is_fresh(sample.time_ns, now_ns));
+        let cause = token.and_then(|token| TripCause::from_code(token.cause));
+        let latched =
+            matches!(self.watchdog(now_ns), Some(WatchdogState::Faulted | WatchdogState::Tripped));
+        let faults = TripCause::ALL
+            .iter()
+            .filter(|cause| token.is_some_and(|token| token.faults & 1 << cause.code() != 0));
+        json!({
+            "watchdog": self.watchdog(now_ns),
+            "cause": cause.filter(|_| latched).map(TripCause::text),
+            "faults": faults.map(|cause| cause.text()).collect::<Vec<_>>(),
+            "gate_open": sample.map(|sample| sample.gate_state == GateState::Open.code()),
+            "mode": self.mode(now_ns).map(Mode::text),
+            "axes": sample.map(|sample| axes(rig, &sample)),
+        })
+    }
+}
+
+fn is_fresh(time_ns: u64, now_ns: u64) -> bool {
+    now_ns.saturating_sub(time_ns) < FRESH_NS
+}
+
+/// Position and homing of each axis.
+fn axes(rig: &RigFile, sample: &Sample) -> Vec<Value> {
+    let axis = |(at, axis): (usize, &rig::Axis)| {
+        let (position, unit) = match axis.unit {
+            AxisUnit::Radian => (sample.master_position[at].to_degrees(), "°"),
+            AxisUnit::Metre => (sample.master_position[at] * 1e3, "mm"),
+        };
+        json!({
+            "name": axis.name,
+            "position": position,
+            "unit": unit,
+            "homed": sample.homed & 1 << at != 0,
+        })
+    };
+    rig.axes.iter().take(usize::from(sample.axes)).enumerate().map(axis).collect()
+}
+
+/// An event as pages are told it.
+pub(crate) fn event(event: &Event, now_ns: u64) -> Value {
+    let word = |text: Option<&'static str>| text.unwrap_or("unknown");
+    json!({
+        "type": "event",
+        "age_ms": now_ns.saturating_sub(event.time_ns) / 1_000_000,
+        "source": word(Process::from_code(event.source).map(Process::text)),
+        "kind": word(EventKind::from_code(event.kind).map(EventKind::text)),
+        "severity": word(Severity::from_code(event.severity).map(Severity::text)),
+        "a": event.a,
+        "b": event.b,
+        "text": event.text(),
+    })
+}
+
+/// Whether the subject's page is told of an event: it may make a sound of it.
+pub(crate) fn is_for_subjects(event: &Event) -> bool {
+    let kind = EventKind::from_code(event.kind);
+    matches!(kind, Some(EventKind::Beat | EventKind::SessionStarted | EventKind::SessionOver))
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, clippy::expect_used)]
+
+    use std::path::Path;
+
+    use super::*;
+
+    #[test]
+    fn a_silent_watchdog_has_no_state() {
+        let rig = rig::load_rig(Path::new("hydrostatic")).unwrap();
+        let token = EnableToken {
+            time_ns: 1_000_000_000,
+            state: WatchdogState::Tripped.code(),
+            cause: TripCause::SpeedLimit.code(),
+            faults: 1 << TripCause::ControlLost.code(),
+            ..EnableToken::default()
+        };
+        let view = RigView { token: Some(token), ..RigView::default() };
+        let state = view.state(&rig, 1_100_000_000);
+        assert_eq!(state["watchdog"], "tripped");
+        assert_eq!(state["cause"], "speed limit");
+        assert_eq!(state["faults"], json!(["control lost"]));
+        let later = view.state(&rig, 1_400_000_000);
+        assert_eq!((&later["watchdog"], &later["cause"]), (&Value::Null, &Value::Null));
+    }
+
+    #[test]
+    fn positions_are_in_degrees() {
+        let rig = rig::load_rig(Path::new("hydrostatic")).unwrap();
+        let mut sample = Sample { time_ns: 5, axes: 1, homed: 1, ..Sample::default() };
+        sample.master_position[0] = std::f64::consts::FRAC_PI_2;
+        let view = RigView { sample: Some(sample), ..RigView::default() };
+        let axis = view.state(&rig, 6)["axes"][0].clone();
+        assert!((axis["position"].as_f64().unwrap() - 90.0).abs() < 1e-9);
+        assert_eq!((&axis["homed"], &axis["unit"]), (&json!(true), &json!("°")));
+    }
+}
