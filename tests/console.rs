@@ -46,6 +46,11 @@ fn note_has(text: &str) -> String {
     format!("document.querySelector('#note').textContent.includes('{text}')")
 }
 
+/// An expression: the list of files contains a name.
+fn written_has(name: &str) -> String {
+    format!("document.querySelector('#written').textContent.includes('{name}')")
+}
+
 /// Sets values of the protocol, as a person types them.
 async fn set(operator: &Tab, values: &[(&str, &str)]) {
     for (key, value) in values {
@@ -60,7 +65,12 @@ async fn choose(operator: &Tab, protocol: &str) {
     );
     operator.value::<bool>(&chosen).await;
     operator.wait(SHORT, "document.querySelector('[data-path=\"matching.rest_s\"] input')").await;
-    let shortest = [("matching.sets", "1"), ("matching.session_s", "5"), ("matching.rest_s", "10")];
+    let shortest = [
+        ("matching.sets", "1"),
+        ("matching.session_s", "5"),
+        ("matching.rest_s", "10"),
+        ("scanner.repetition_s", "1"),
+    ];
     set(operator, &shortest).await;
     operator.fill("#emulate", "1").await;
 }
@@ -220,8 +230,7 @@ fn an_operator_runs_a_force_matching_experiment_in_a_browser() {
             }
         }
         // The file of the whole session, and that of the one that was stopped.
-        let written = "document.querySelectorAll('#written li').length >= 2";
-        operator.wait(LONG, written).await;
+        operator.wait(LONG, &written_has(&format!("{files}2.mat"))).await;
         operator.picture("operator-stopped").await;
         for number in 1..=2 {
             let path = rig.path(&format!("{files}{number}.mat"));
@@ -273,13 +282,17 @@ fn kill_all(rig: &TestRig, units: &[&str]) {
 
 /// One attempt: an EMG-matching experiment to its end, with kills in its second session. `false`
 /// where the rig tripped.
-async fn match_emg_with_kills(rig: &TestRig, operator: &Tab, files: &str) -> bool {
+async fn match_emg_with_kills(rig: &TestRig, operator: &Tab, subject: &Tab, files: &str) -> bool {
     arm(operator).await;
     start(operator, files).await;
     if !reaches(operator, "session 2 of 2").await {
         return false;
     }
     tokio::time::sleep(Duration::from_millis(1500)).await;
+    let two = "document.querySelectorAll('#view .track').length === 2";
+    // Not where the rig has tripped meanwhile.
+    subject.becomes(Duration::from_secs(3), two).await;
+    subject.picture("subject-emg").await;
     operator.picture("operator-emg").await;
     let before = rig.launcher_status();
     kill_all(rig, &["console", "experiment", "logger"]);
@@ -304,7 +317,7 @@ fn a_session_goes_on_although_console_and_experiment_and_logger_are_killed() {
     let rig_file = rig.absolute_rig("hydrostatic");
     let console = ["--console", "127.0.0.1:0", "--record", file.to_str().unwrap()];
     rig.ok(["up", "--simulate", "--rig", &rig_file].into_iter().chain(console));
-    let (operator_page, _) = pages(&rig);
+    let (operator_page, subject_page) = pages(&rig);
     let mut files = String::new();
     block_on(async {
         let browser = chromium.connect().await;
@@ -313,18 +326,17 @@ fn a_session_goes_on_although_console_and_experiment_and_logger_are_killed() {
             .wait(SHORT, "document.querySelector('#access').textContent.includes('control.')")
             .await;
         choose(&operator, "emg-matching").await;
+        let subject = Tab::open(&browser, &subject_page).await;
         let mut done = false;
         for attempt in 1..=ATTEMPTS {
             files = format!("E{attempt}_");
-            done = match_emg_with_kills(&rig, &operator, &files).await;
+            done = match_emg_with_kills(&rig, &operator, &subject, &files).await;
             if done {
                 break;
             }
         }
         assert!(done, "the rig tripped {ATTEMPTS} times");
-        let written =
-            format!("document.querySelector('#written').textContent.includes('{files}2.mat')");
-        operator.wait(LONG, &written).await;
+        operator.wait(LONG, &written_has(&format!("{files}2.mat"))).await;
         operator.picture("operator-resumed").await;
     });
     for number in 1..=2 {
@@ -332,7 +344,8 @@ fn a_session_goes_on_although_console_and_experiment_and_logger_are_killed() {
         assert!(is_matlab(&path), "{path:?}");
         assert!(std::fs::metadata(&path).unwrap().len() > 800_000, "{path:?} is not whole");
     }
-    rig.ok(["rec", "stop"]);
+    // What the killed logger had not written is lost, and told.
+    assert_eq!(rig.run(["rec", "stop"]).status.code(), Some(3));
     let parts: Vec<String> = (1..=ATTEMPTS + 1)
         .map(|part| if part == 1 { "run.mcap".to_owned() } else { format!("run.part{part}.mcap") })
         .collect();

@@ -1,4 +1,5 @@
 //! A real browser: Chromium without a window, driven through its debugging port.
+#![allow(dead_code, unreachable_pub)]
 
 use std::io::{BufRead as _, BufReader};
 use std::os::unix::process::CommandExt as _;
@@ -6,6 +7,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
+use chromiumoxide::cdp::browser_protocol::input::InsertTextParams;
 use chromiumoxide::cdp::browser_protocol::page::CaptureScreenshotFormat;
 use chromiumoxide::cdp::browser_protocol::target::CreateTargetParams;
 use chromiumoxide::page::ScreenshotParams;
@@ -43,9 +45,10 @@ impl Chromium {
             return None;
         };
         let profile = tempfile::tempdir().unwrap();
-        // It draws in software: a rig without real-time scheduling goes first.
-        let mut child = Command::new("nice")
-            .args(["-n", "15"])
+        // It draws in software, and gives itself the priority that it wants: only in this class
+        // does a rig without real-time scheduling go first.
+        let mut child = Command::new("chrt")
+            .args(["--idle", "0"])
             .arg(executable)
             .args(["--headless=new", "--no-sandbox", "--disable-gpu", "--remote-debugging-port=0"])
             .args(["--disable-dev-shm-usage", "--disable-extensions", "--no-first-run"])
@@ -121,13 +124,15 @@ impl Tab {
     /// Waits until an expression holds; `false` if it never did.
     pub async fn becomes(&self, limit: Duration, expression: &str) -> bool {
         let begun = Instant::now();
-        while !self.value::<bool>(&format!("Boolean({expression})")).await {
-            if begun.elapsed() > limit {
-                return false;
+        while begun.elapsed() < limit {
+            // A page that is being loaded has nothing to evaluate in.
+            let holds = self.0.evaluate(format!("Boolean({expression})")).await;
+            if holds.is_ok_and(|holds| holds.into_value().unwrap_or(false)) {
+                return true;
             }
             tokio::time::sleep(POLL).await;
         }
-        true
+        false
     }
 
     /// Waits until an expression holds.
@@ -152,7 +157,7 @@ impl Tab {
         field.focus().await.unwrap();
         match text {
             "" => drop(field.press_key("Delete").await.unwrap()),
-            text => drop(field.type_str(text).await.unwrap()),
+            text => drop(self.0.execute(InsertTextParams::new(text)).await.unwrap()),
         }
     }
 

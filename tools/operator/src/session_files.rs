@@ -26,6 +26,8 @@ pub type Written = anyhow::Result<PathBuf>;
 /// meanwhile.
 #[derive(Debug)]
 pub struct SessionFiles {
+    /// The recording that the files are made from.
+    recording: PathBuf,
     /// Sessions of the protocol, and those whose files were asked for.
     sessions: u32,
     over: u32,
@@ -58,43 +60,47 @@ impl SessionFiles {
         if sessions == 0 {
             bail!("--mat: the protocol \"{}\" has no sessions", protocol.name);
         }
-        let recording = recording_of(link)?;
+        let recording = link.logger(&LoggerRequest::Status)?.recording.context(
+            "--mat: the files are written from the recording, and nothing is being recorded: \
+             `farreach rec start FILE` first",
+        )?;
         let taken = |number: &u32| recorder::session_path(name, *number).exists();
         if let Some(number) = (1..=sessions).find(taken) {
             let taken = recorder::session_path(name, number);
             bail!("--mat: {} is there already; files are never overwritten", taken.display());
         }
-        Ok(recording)
+        Ok(PathBuf::from(recording))
     }
 
     /// Goes on with the files of a protocol that another client began, which has ended since: those
     /// that are there already are its own.
-    ///
-    /// # Errors
-    /// Where nothing is recorded.
-    pub fn resume(
-        link: &RigLink,
-        sessions: u32,
-        name: &Path,
-        since_ns: u64,
-    ) -> anyhow::Result<Self> {
-        let recording = recording_of(link)?;
+    pub fn resume(recording: &Path, sessions: u32, name: &Path, since_ns: u64) -> Self {
         let written = |number: &u32| recorder::session_path(name, *number).exists();
         let over = (1..=sessions).take_while(written).count() as u32;
-        Ok(Self::begin(recording, name, sessions, over, since_ns))
+        Self::begin(recording.to_owned(), name, sessions, over, since_ns)
     }
 
     fn begin(recording: PathBuf, name: &Path, sessions: u32, over: u32, since_ns: u64) -> Self {
         let (sender, receiver) = channel::<(WantedSession, Duration)>();
-        let name = name.to_owned();
+        let (name, read) = (name.to_owned(), recording.clone());
         let thread = std::thread::spawn(move || {
             let mut written = Vec::new();
             while let Ok((wanted, limit)) = receiver.recv() {
-                written.extend(write(&recording, wanted, &name, limit).transpose());
+                written.extend(write(&read, wanted, &name, limit).transpose());
             }
             written
         });
-        Self { sessions, over, since_ns, begun: true, sender, thread }
+        Self { recording, sessions, over, since_ns, begun: true, sender, thread }
+    }
+
+    /// The files of the sessions that are over, of a protocol that was resumed.
+    pub fn earlier(&self, name: &Path) -> Vec<PathBuf> {
+        (1..=self.over).map(|number| recorder::session_path(name, number)).collect()
+    }
+
+    /// The recording that the files are made from.
+    pub fn recording(&self) -> &Path {
+        &self.recording
     }
 
     /// Only sessions that began since then are this run's (ns, CLOCK_MONOTONIC).
@@ -140,15 +146,6 @@ impl SessionFiles {
 /// Number of sessions of a protocol.
 fn sessions_of(protocol: &Protocol) -> u32 {
     protocol.sequence().filter(|(_, segment)| segment.session).count() as u32
-}
-
-/// The recording in progress.
-fn recording_of(link: &RigLink) -> anyhow::Result<PathBuf> {
-    let recording = link.logger(&LoggerRequest::Status)?.recording.context(
-        "--mat: the files are written from the recording, and nothing is being recorded: \
-         `farreach rec start FILE` first",
-    )?;
-    Ok(PathBuf::from(recording))
 }
 
 /// Writes the file of a session once its end is in the recording; `None` where a session that was

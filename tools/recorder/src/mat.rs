@@ -95,8 +95,8 @@ pub struct WantedSession {
     pub whole: bool,
 }
 
-/// Writes the file of one session of a recording, of which any part may be named; returns its path, and `None` where the recording does not have
-/// the session, or all of its samples, yet.
+/// Writes the file of one session of a recording, of which any part may be named; returns its path,
+/// and `None` where the recording does not have the session, or all of its samples, yet.
 ///
 /// # Errors
 /// Where the recording cannot be read, or the file is there already.

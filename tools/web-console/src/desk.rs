@@ -10,7 +10,7 @@ use ipc_types::{Event, EventKind, Process, Severity, WatchdogState};
 use operator::status::{ProtocolStatus, RecordingStatus};
 use operator::{ChosenProtocol, Progress};
 use recorder::SessionReport;
-use rig::protocol::Protocol;
+use rig::protocol::{Movement, Protocol, Segment};
 use serde::Serialize;
 use serde_json::{Value, json};
 
@@ -104,9 +104,13 @@ pub(crate) struct Planned {
 
 /// The segments of a protocol in the order of playing.
 pub(crate) fn planned(protocol: &Protocol) -> Vec<Planned> {
-    let plan = |(_, segment): (usize, &rig::protocol::Segment)| Planned {
+    let plan = |(_, segment): (usize, &Segment)| Planned {
         label: segment.label.clone(),
-        duration_s: segment.movement.duration_s(),
+        duration_s: match &segment.movement {
+            // The scanner begins when it begins: the longest wait would fill the timeline.
+            Movement::WaitForScanner(wait) => wait.start_up_s,
+            movement => movement.duration_s(),
+        },
         session: segment.session,
     };
     protocol.sequence().map(plan).collect()

@@ -1,5 +1,5 @@
-//! Which `Host` and `Origin` a request may name: a page of another site that a browser has open must
-//! not reach the console, not even by a name that is made to point to this computer.
+//! Which `Host` and `Origin` a request may name: a page of another site that a browser has open
+//! must not reach the console, not even by a name that is made to point to this computer.
 
 use std::net::IpAddr;
 

@@ -97,7 +97,7 @@ pub(crate) async fn serve(mut socket: WebSocket, kind: Kind, from: String, pages
     let values = [number as f64, 0.0, 0.0];
     let text = format!("{} page from {from}", kind.text());
     shared.event(EventKind::PageOpened, Severity::Info, values, &text);
-    let (answers, answered) = mpsc::channel(WAITING);
+    let (answers, mut answered) = mpsc::channel(WAITING);
     let mut page = Page {
         number,
         kind,
@@ -110,7 +110,11 @@ pub(crate) async fn serve(mut socket: WebSocket, kind: Kind, from: String, pages
         answers,
         exchanges: 0,
     };
-    if let Err(reason) = page.talk(&mut socket, answered).await {
+    if let Err(reason) = page.talk(&mut socket, &mut answered).await {
+        // It is told why before it is cut off.
+        while let Ok(answer) = answered.try_recv() {
+            let _sent = send(&mut socket, answer).await;
+        }
         let reason = Utf8Bytes::from(reason);
         let close = Message::Close(Some(CloseFrame { code: close_code::POLICY, reason }));
         let _sent = timeout(SEND_LIMIT, socket.send(close)).await;
@@ -127,7 +131,7 @@ impl Page {
     async fn talk(
         &mut self,
         socket: &mut WebSocket,
-        mut answered: mpsc::Receiver<Utf8Bytes>,
+        answered: &mut mpsc::Receiver<Utf8Bytes>,
     ) -> Result<(), &'static str> {
         send(socket, self.pages.welcome.clone()).await?;
         send(socket, self.greeting()).await?;

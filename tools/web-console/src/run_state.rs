@@ -15,9 +15,18 @@ pub(crate) struct RunState {
     pub(crate) protocol: String,
     /// Code of the subject; may be empty.
     pub(crate) subject: String,
-    /// Name of the sessions' files.
-    pub(crate) files: Option<PathBuf>,
-    /// Only sessions that began since then are its own (ns, CLOCK_MONOTONIC).
+    /// The sessions' files, where there are to be some.
+    pub(crate) files: Option<Files>,
+}
+
+/// Files of the sessions.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub(crate) struct Files {
+    /// Their name.
+    pub(crate) name: PathBuf,
+    /// The recording that they are made from.
+    pub(crate) recording: PathBuf,
+    /// Only sessions that began since then are the protocol's (ns, CLOCK_MONOTONIC).
     pub(crate) since_ns: u64,
 }
 
@@ -77,8 +86,11 @@ mod tests {
             client: u64::MAX,
             protocol: "[protocol]\nname = \"Übung\"\n".to_owned(),
             subject: "S07".to_owned(),
-            files: Some("/data/S07_".into()),
-            since_ns: 1 << 60,
+            files: Some(Files {
+                name: "/data/S07_".into(),
+                recording: "/data/run.mcap".into(),
+                since_ns: 1 << 60,
+            }),
         };
         file.save(&state).unwrap();
         assert_eq!(file.load().unwrap(), Some(state));

@@ -1,6 +1,5 @@
 //! The thread that plays protocols: as a client of the experiment process, whose lease it renews.
 
-use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::sync::mpsc::Receiver;
@@ -15,7 +14,7 @@ use runtime::RigName;
 use tokio::sync::oneshot;
 
 use crate::desk::{Built, Playing, Shared, planned};
-use crate::run_state::{RunState, RunStateFile};
+use crate::run_state::{Files, RunState, RunStateFile};
 use crate::session_list::ReportRequest;
 
 /// A protocol to play.
@@ -86,8 +85,11 @@ impl Runner {
             client: built.chosen.client(),
             protocol: protocol.text().to_owned(),
             subject: built.subject.clone(),
-            files: built.files.clone(),
-            since_ns: files.as_ref().map_or(0, SessionFiles::since_ns),
+            files: files.as_ref().zip(built.files.clone()).map(|(files, name)| Files {
+                name,
+                recording: files.recording().to_owned(),
+                since_ns: files.since_ns(),
+            }),
         })?;
         let stop = self.begin(protocol, &built.subject);
         let mut over = 0;
@@ -125,43 +127,26 @@ impl Runner {
         // First of all the lease.
         let link = RigLink::open(&self.rig)?;
         let sessions = protocol.sequence().filter(|(_, segment)| segment.session).count() as u32;
-        let mut files = None;
+        let mut files = state.files.as_ref().map(|Files { name, recording, since_ns }| {
+            SessionFiles::resume(recording, sessions, name, *since_ns)
+        });
+        if let (Some(files), Some(Files { name, .. })) = (&files, &state.files) {
+            self.add_files(files.earlier(name).into_iter().map(Ok).collect());
+        }
+        let text = "the console goes on with the protocol that it played before";
+        let mut told = false;
         let mut over = 0;
         let outcome = resume_protocol(&link, state.client, &stop, &mut |progress| {
-            if let (None, Some(name)) = (&files, &state.files) {
-                files = Some(self.resumed_files(&link, sessions, name, state.since_ns));
+            if !std::mem::replace(&mut told, true) {
+                self.shared.event(EventKind::ProtocolResumed, Severity::Warning, [0.0; 3], text);
             }
             self.session_over(&link, progress.sessions.as_ref(), &mut over);
-            if let Some(Ok(files)) = &mut files {
+            if let Some(files) = &mut files {
                 files.see(progress.sessions.as_ref());
             }
             self.follow(progress);
         });
-        // A protocol that ended while nobody followed it may have left sessions without files.
-        if let (None, Some(name)) = (&files, &state.files) {
-            files = Some(self.resumed_files(&link, sessions, name, state.since_ns));
-        }
-        let files = match files {
-            Some(Ok(files)) => Some(files),
-            Some(Err(error)) => {
-                self.add_files(vec![Err(error)]);
-                None
-            }
-            None => None,
-        };
         self.finish(&link, outcome, files, true)
-    }
-
-    fn resumed_files(
-        &self,
-        link: &RigLink,
-        sessions: u32,
-        name: &Path,
-        since_ns: u64,
-    ) -> anyhow::Result<SessionFiles> {
-        let text = "the console goes on with the protocol that it played before";
-        self.shared.event(EventKind::ProtocolResumed, Severity::Warning, [0.0; 3], text);
-        SessionFiles::resume(link, sessions, name, since_ns)
     }
 
     /// Shows that a protocol is being played; the flag that ends it.

@@ -99,9 +99,9 @@ Link.on("welcome", (message) => {
 
 Link.on("access", (message) => {
     page.number = message.page;
-    const first = message.token && !page.token;
     page.token = message.token;
-    if (first) { Setup.describe(); }
+    // Values that were typed stay when the connection comes back.
+    if (page.token && !Setup.described()) { Setup.describe(); }
     enable();
 });
 

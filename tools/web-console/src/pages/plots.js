@@ -81,6 +81,8 @@ const Plots = (() => {
                 zerolinecolor: "#b9c2cc",
             };
         });
+        // Below the lowest plot.
+        layout.xaxis.anchor = units.length > 1 ? `y${units.length}` : "y";
         const traces = shown.map((at) => trace(at, units.indexOf(signals[at].unit) + 1));
         Plotly.react("plots", traces, layout, { displayModeBar: false, responsive: true });
     }

@@ -9,6 +9,7 @@ const Setup = (() => {
     let build = null;
 
     function begin(protocols) {
+        if (entries.length > 0) { return; }
         const chosen = localStorage.getItem("farreach.protocol") || "force-matching";
         element("protocol").replaceChildren(...protocols.map((name) => new Option(name, name)));
         element("protocol").value = protocols.includes(chosen) ? chosen : protocols[0];
@@ -23,8 +24,16 @@ const Setup = (() => {
         const answer = await Link.send({ do: "describe", protocol });
         if (protocol !== element("protocol").value) { return; }
         element("description").textContent = answer.ok ? answer.data.description : answer.text;
-        entries = answer.ok ? answer.data.entries : [];
+        entries = answer.ok ? arranged(answer.data.entries) : [];
         element("entries").replaceChildren(...entries.map((entry) => row(entry, values || {})));
+    }
+
+    // What is played comes first; name and description are the file's own.
+    function arranged(all) {
+        const place = (entry) => ["matching", "segments", "scanner", "protocol"]
+            .indexOf(entry.path.split(".")[0]);
+        return all.filter((entry) => !/^protocol\.(name|description)$/.test(entry.path))
+            .sort((a, b) => place(a) - place(b));
     }
 
     function row(entry, values) {
@@ -129,5 +138,5 @@ const Setup = (() => {
     element("keep").onclick = keep;
     for (const id of ["subject", "files", "emulate"]) { element(id).oninput = stale; }
 
-    return { begin, describe, send, built: () => build };
+    return { begin, describe, send, built: () => build, described: () => entries.length > 0 };
 })();
