@@ -12,9 +12,12 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 
 use chromiumoxide::Browser;
+use ipc_types::{Event, EventKind};
+use recording::mcap_read::Recording;
 use serde_json::Value;
 
 use browser::{Chromium, Tab};
+use common::playing::messages;
 use common::{Signal, TestRig, kill, wait_for};
 
 /// How often an experiment is begun again: on a loaded host the rig may trip, rightly.
@@ -114,7 +117,10 @@ async fn home(operator: &Tab) {
 async fn start(operator: &Tab, files: &str) {
     operator.fill("#files", files).await;
     operator.click("#build").await;
-    operator.wait(SHORT, &note_has("is ready")).await;
+    operator
+        .wait(SHORT, "document.querySelector('#answer').textContent.includes('is ready')")
+        .await;
+    operator.wait(SHORT, "!document.querySelector('#start').disabled").await;
     operator.click("#start").await;
     operator.wait(SHORT, "document.querySelector('#timeline .now')").await;
 }
@@ -181,7 +187,7 @@ async fn match_force_and_stop(operator: &Tab, subject: &Tab, files: &str) -> boo
     let mirrored = "document.querySelector('#mirror .tracks').dataset.heights";
     assert!(!operator.value::<String>(mirrored).await.is_empty(), "no bar on the operator's page");
     operator.0.find_element("body").await.unwrap().press_key("Escape").await.unwrap();
-    operator.wait(SHORT, &format!("{TRIPPED} || {}", note_has("stopped"))).await;
+    operator.wait(LONG, &format!("{TRIPPED} || {}", note_has("was stopped"))).await;
     if operator.value::<bool>(TRIPPED).await {
         return false;
     }
@@ -237,14 +243,24 @@ fn an_operator_runs_a_force_matching_experiment_in_a_browser() {
             assert!(is_matlab(&path), "{path:?}: {}", operator.text("#written").await);
         }
         operator.wait(SHORT, "document.querySelectorAll('#sessions tbody tr').length >= 2").await;
+        operator.fill("#text", "Lampe über dem Gerät aus").await;
+        operator.click("[data-do='note']").await;
+        operator.wait(SHORT, "document.querySelector('#answer').textContent === 'noted'").await;
         check_access(&browser, &operator, &operator_page).await;
     });
     rig.ok(["rec", "stop"]);
     let outcomes = outcomes(&rig, &["run.mcap"]);
     let last: Vec<_> = outcomes.iter().rev().take(2).rev().cloned().collect();
     assert_eq!(last, [(1, "whole".to_owned()), (2, "stopped".to_owned())], "{outcomes:?}");
-    let noted = rig.run(["rec", "cat", file.to_str().unwrap(), "--topic", "event/console"]);
-    assert!(String::from_utf8_lossy(&noted.stdout).contains("event"), "no event of the console");
+    let recording = Recording::open(&file).unwrap();
+    let events: Vec<Event> = messages(&recording, "event/console");
+    let has = |kind: EventKind, text: &str| {
+        events.iter().any(|event| event.kind == kind.code() && event.text().contains(text))
+    };
+    assert!(has(EventKind::Note, "Lampe über dem Gerät aus"), "no note is recorded");
+    assert!(has(EventKind::FrameDelay, "subject page"), "the delay of the frames is not recorded");
+    assert!(has(EventKind::ClockMeasured, "operator"), "no page's clock is recorded");
+    assert!(has(EventKind::ControlTaken, "from page"), "that control was taken is not recorded");
     rig.down();
 }
 

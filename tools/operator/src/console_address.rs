@@ -2,6 +2,7 @@
 
 use std::fs;
 use std::io::ErrorKind;
+use std::net::SocketAddr;
 use std::path::PathBuf;
 
 use runtime::RigName;
@@ -50,11 +51,19 @@ impl ConsoleAddress {
 
     /// Address of the operator's page. The part behind `#` stays in the browser.
     pub fn operator(&self) -> String {
-        format!("http://{}/#token={}", self.listen, self.token)
+        format!("http://{}/#token={}", self.host(), self.token)
     }
 
     /// Address of the subject's page.
     pub fn subject(&self) -> String {
-        format!("http://{}/subject", self.listen)
+        format!("http://{}/subject", self.host())
+    }
+
+    /// Where a browser of this computer finds it, also where it listens at all addresses.
+    fn host(&self) -> String {
+        match self.listen.parse::<SocketAddr>() {
+            Ok(at) if at.ip().is_unspecified() => format!("localhost:{}", at.port()),
+            _ => self.listen.clone(),
+        }
     }
 }

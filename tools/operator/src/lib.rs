@@ -35,5 +35,5 @@ pub use run::{
     stop_protocol,
 };
 pub use saved_rig_file::{rig_of, running};
-pub use session_files::{SessionFiles, Written};
+pub use session_files::{SessionFiles, Written, sessions_of};
 pub use up::{Up, UpOptions, up, up_in_foreground};

@@ -141,6 +141,8 @@ pub fn run_protocol(
         accepted(&link.experiment(&check)?)?;
     }
     match state_of(&token) {
+        // Nobody who has asked for a stop wants the motor's power.
+        _ if stop.load(Ordering::Relaxed) => return Ok(RunOutcome::Stopped { elapsed_s: 0.0 }),
         WatchdogState::Enabled => {}
         WatchdogState::Armed => {
             verb(link, Verb::Enable)?;
@@ -152,6 +154,9 @@ pub fn run_protocol(
     }
     record_run(link, chosen)?;
     let found = Ranges::new(link, rig)?;
+    if stop.load(Ordering::Relaxed) {
+        return Ok(RunOutcome::Stopped { elapsed_s: 0.0 });
+    }
     let begun = link
         .experiment(&ExperimentRequest::Run { protocol: text, name, client, emulate_scanner_s })
         .inspect_err(|_| {
@@ -164,10 +169,11 @@ pub fn run_protocol(
 }
 
 /// Goes on with a protocol that was begun by a client that has ended since, a console that was
-/// killed, as the same client. The lease is short: see `experiment`'s player.
+/// killed, as the same client, before its lease is over. Of a protocol that has ended meanwhile it
+/// returns the outcome.
 ///
 /// # Errors
-/// If the protocol is not running any more, or as [`run_protocol`].
+/// If another protocol was begun meanwhile, or as [`run_protocol`].
 pub fn resume_protocol(
     link: &RigLink,
     client: u64,
@@ -176,7 +182,6 @@ pub fn resume_protocol(
 ) -> Result<RunOutcome, Error> {
     let rig = rig_of(link.domain().name())?;
     let tokens = Tokens::new(link)?;
-    accepted(&link.experiment(&ExperimentRequest::Renew { client })?)?;
     let found = Ranges::new(link, rig)?;
     Following { link, client, tokens, found }.until_the_end(stop, progress)
 }

@@ -144,7 +144,7 @@ impl SessionFiles {
 }
 
 /// Number of sessions of a protocol.
-fn sessions_of(protocol: &Protocol) -> u32 {
+pub fn sessions_of(protocol: &Protocol) -> u32 {
     protocol.sequence().filter(|(_, segment)| segment.session).count() as u32
 }
 

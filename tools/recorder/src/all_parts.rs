@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::ops::Deref;
 use std::path::Path;
 
-use recording::mcap_edit::rewrite;
+use recording::mcap_edit::{check_related, rewrite};
 use recording::mcap_read::Recording;
 use recording::parts_of;
 use tempfile::TempDir;
@@ -30,6 +30,10 @@ impl AllParts {
             recordings.push(Recording::open(part)?);
         }
         let sources: Vec<&Recording> = recordings.iter().collect();
+        // A file that only bears such a name is no part.
+        if check_related(&sources).is_err() {
+            return Ok(Self { recording: Recording::open(file)?, _copy: None });
+        }
         let copy = TempDir::with_prefix("farreach-parts-")?;
         let path = copy.path().join("all.mcap");
         rewrite(&sources, None, None, &BTreeMap::new(), &path)?;

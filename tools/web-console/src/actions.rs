@@ -52,7 +52,8 @@ impl Situation {
         use WatchdogState::{Armed, Disarmed, Enabled, Faulted, Tripped};
         let is = |states: &[WatchdogState]| self.watchdog.is_some_and(|it| states.contains(&it));
         match action {
-            Action::Estop | Action::Note => true,
+            // Stopping is never out of place: what is known of other programs may be old.
+            Action::Estop | Action::Stop | Action::Note => true,
             Action::Reset => is(&[Faulted, Tripped]),
             Action::Arm => is(&[Disarmed]),
             Action::Enable => is(&[Armed]),
@@ -60,7 +61,6 @@ impl Situation {
             Action::Build => !self.running,
             Action::Initialise => !self.running && is(&[Armed, Enabled]),
             Action::Start => !self.running && self.built && is(&[Armed, Enabled]),
-            Action::Stop => self.running,
             Action::Record => !self.recording,
             Action::EndRecording => self.recording && !self.running,
         }
@@ -92,12 +92,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_emergency_stop_is_always_there() {
+    fn stop_and_emergency_stop_are_always_there() {
         for watchdog in WatchdogState::ALL.iter().map(|state| Some(*state)).chain([None]) {
             for running in [false, true] {
                 let situation = Situation { watchdog, running, ..Situation::default() };
-                assert!(situation.permits(Action::Estop));
-                assert_eq!(situation.permits(Action::Stop), running);
+                assert!(situation.permits(Action::Estop) && situation.permits(Action::Stop));
             }
         }
     }

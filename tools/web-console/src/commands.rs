@@ -7,7 +7,7 @@ use std::sync::atomic::Ordering;
 use std::sync::mpsc::{Receiver, Sender};
 use std::time::Duration;
 
-use ipc_types::{EventKind, LoggerAnswer, LoggerRequest, Severity, Verb};
+use ipc_types::{EventKind, ExperimentRequest, LoggerAnswer, LoggerRequest, Severity, Verb};
 use operator::status::RigStatus;
 use operator::{ChosenProtocol, Error, RigLink, RunOptions, SessionFiles};
 use rig::protocol::entries;
@@ -19,13 +19,15 @@ use tokio::sync::oneshot;
 
 use crate::desk::{Built, Shared, planned};
 use crate::request::{Request, Setup};
-use crate::runner::{Begun, Order};
+use crate::runner::{Order, Ordered};
 
 /// A protocol begins within this time, or its start has failed.
 const BEGIN_LIMIT: Duration = Duration::from_secs(15);
 
 /// A request of a page that may make it.
 pub(crate) struct Command {
+    /// Number of the page.
+    pub(crate) page: u64,
     pub(crate) request: Request,
     pub(crate) answer: oneshot::Sender<Answer>,
 }
@@ -97,7 +99,7 @@ pub(crate) struct Commander {
     pub(crate) name: RigName,
     pub(crate) rig: Arc<RigFile>,
     pub(crate) shared: Arc<Shared>,
-    pub(crate) runner: Sender<(Order, Begun)>,
+    pub(crate) runner: Sender<Ordered>,
 }
 
 /// The same in its thread, with a link that stays there.
@@ -111,12 +113,19 @@ impl Commander {
     /// Carries out commands until nobody can send any.
     pub(crate) fn serve(self, commands: &Receiver<Command>) {
         let mut thread = CommandThread { commander: self, link: None };
-        while let Ok(Command { request, answer }) = commands.recv() {
-            let answered = thread.perform(&request).unwrap_or_else(|error| {
-                // The next command tries with a new link.
-                thread.link = None;
-                Answer::refused(format!("{error:#}"))
-            });
+        // The first command shall find the link made; where that fails, it tries again.
+        let _linked = thread.link().is_ok();
+        while let Ok(Command { page, request, answer }) = commands.recv() {
+            // The page may have lost control, or be gone, while its command waited.
+            let may = thread.commander.shared.access().check(page, request.level());
+            let answered = match may {
+                Ok(()) => thread.perform(&request).unwrap_or_else(|error| {
+                    // The next command tries with a new link.
+                    thread.link = None;
+                    Answer::refused(format!("{error:#}"))
+                }),
+                Err(reason) => Answer::refused(reason),
+            };
             // The page may be gone.
             let _sent = answer.send(answered);
         }
@@ -167,8 +176,12 @@ impl CommandThread {
 
     /// Ends whatever is played, whoever began it: the handle comes to rest, then 0 V.
     fn stop(&mut self) -> anyhow::Result<Answer> {
-        if let Some(playing) = &self.commander.shared.desk().playing {
-            playing.stop.store(true, Ordering::Relaxed);
+        {
+            let mut desk = self.commander.shared.desk();
+            desk.stops += 1;
+            if let Some(playing) = &desk.playing {
+                playing.stop.store(true, Ordering::Relaxed);
+            }
         }
         let stopped = operator::stop_protocol(self.link()?)?;
         Ok(match stopped {
@@ -191,6 +204,10 @@ impl CommandThread {
             "" => None,
             name => Some(self.files(&chosen, name)?),
         };
+        // What hinders a start now may be gone by then: an axis that is not homed.
+        let before = self.hindrance(&chosen, setup.emulate_scanner_s)?;
+        let before =
+            before.map_or_else(String::new, |reason| format!("; before it starts: {reason}"));
         let id = format!("{:016x}", random_u64());
         let protocol = chosen.protocol();
         let (name, duration_s) = (protocol.name.clone(), protocol.duration_s());
@@ -201,7 +218,7 @@ impl CommandThread {
         self.commander.shared.show(&desk);
         Ok(Answer {
             data: json!({ "build": id, "duration_s": duration_s, "segments": segments }),
-            ..Answer::done(format!("{name} is ready, {duration_s:.0} s"))
+            ..Answer::done(format!("{name} is ready, {duration_s:.0} s at most{before}"))
         })
     }
 
@@ -219,6 +236,21 @@ impl CommandThread {
         let chosen = ChosenProtocol::new(&options)?;
         chosen.protocol().check_against(&self.commander.rig)?;
         Ok(chosen)
+    }
+
+    /// Why the protocol could not be played now.
+    fn hindrance(
+        &mut self,
+        chosen: &ChosenProtocol,
+        emulate_scanner_s: Option<f64>,
+    ) -> anyhow::Result<Option<String>> {
+        let protocol = chosen.protocol();
+        let answer = self.link()?.experiment(&ExperimentRequest::Check {
+            protocol: protocol.text().to_owned(),
+            name: protocol.name.clone(),
+            emulate_scanner_s,
+        })?;
+        Ok(Some(answer.error).filter(|error| !error.is_empty()))
     }
 
     /// Name of the sessions' files: one without a folder goes beside the recording.
@@ -258,7 +290,8 @@ impl CommandThread {
             return Answer::refused("a protocol is running; wait for its end, or stop it");
         }
         let (begun, begins) = oneshot::channel();
-        if self.commander.runner.send((order, begun)).is_err() {
+        let stops = self.commander.shared.desk().stops;
+        if self.commander.runner.send(Ordered { order, begun, stops }).is_err() {
             return Answer::refused(
                 "the thread that plays protocols has ended; restart the console",
             );
@@ -266,10 +299,7 @@ impl CommandThread {
         match wait(begins, BEGIN_LIMIT) {
             Some(Ok(())) => Answer::done(text),
             Some(Err(error)) => Answer::refused(error),
-            None => Answer::refused(
-                "it has not begun in time; is the last one's file being \
-                                     written? See the list of sessions",
-            ),
+            None => Answer::refused("it has not begun in time, and will not begin any more"),
         }
     }
 

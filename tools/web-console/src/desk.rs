@@ -121,6 +121,10 @@ pub(crate) fn planned(protocol: &Protocol) -> Vec<Planned> {
 pub(crate) struct Desk {
     pub(crate) built: Option<Arc<Built>>,
     pub(crate) playing: Option<Playing>,
+    /// Whether the files of the last protocol are being written; nothing is started meanwhile.
+    pub(crate) finishing: bool,
+    /// How often a stop was asked for: what was ordered before is not begun after.
+    pub(crate) stops: u64,
     /// How the last protocol ended, and whether that was well.
     pub(crate) last: Option<(bool, String)>,
     /// The protocol that runs, as the experiment process says, whoever started it.
@@ -136,7 +140,7 @@ impl Desk {
     pub(crate) fn situation(&self, watchdog: Option<WatchdogState>) -> Situation {
         Situation {
             watchdog,
-            running: self.playing.is_some() || self.running.is_some(),
+            running: self.playing.is_some() || self.finishing || self.running.is_some(),
             built: self.built.is_some(),
             recording: self.recording.as_ref().is_some_and(|logger| logger.file.is_some()),
         }
@@ -171,6 +175,7 @@ impl Desk {
                 "subject": built.subject,
             })),
             "playing": progress,
+            "finishing": self.finishing,
             "elsewhere": elsewhere,
             "last": self.last.as_ref().map(|(well, text)| json!({ "well": well, "text": text })),
             "recording": self.recording,

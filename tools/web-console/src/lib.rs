@@ -14,13 +14,14 @@
 //!
 //! The process is a client of the rig like the command line: it asks the watchdog, the logger and
 //! the experiment process, and reads topics. The rig does not depend on it, and a console that is
-//! killed goes on with the protocol that it plays when it is started again.
+//! killed goes on with the experiment that it plays when it is started again.
 //!
 //! | thread | what it does |
 //! |---|---|
 //! | main | reads topics, tells the pages, publishes the console's events |
 //! | web | serves pages and WebSockets |
-//! | urgent | verbs and stops, which wait for nothing |
+//! | power | emergency stop and disarm, which wait for nothing else |
+//! | stop | the end of a movement, which waits for the experiment process alone |
 //! | commands | what may take its time |
 //! | runner | plays protocols |
 //! | sessions | reads the list of sessions from the recording |

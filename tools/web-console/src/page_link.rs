@@ -6,6 +6,8 @@ use std::sync::mpsc::{SyncSender, TrySendError};
 use std::time::{Duration, Instant};
 
 use axum::extract::ws::{CloseFrame, Message, Utf8Bytes, WebSocket, close_code};
+use futures_util::stream::{SplitSink, SplitStream};
+use futures_util::{SinkExt as _, StreamExt as _};
 use ipc_types::{EventKind, Severity};
 use runtime::clock::now_ns;
 use serde_json::json;
@@ -13,11 +15,11 @@ use tokio::sync::{broadcast, mpsc, oneshot};
 use tokio::time::{interval, timeout};
 
 use crate::access::WRONG_TOKENS;
-use crate::board::{Audience, Reader, Slot};
+use crate::board::{Audience, Slot};
 use crate::commands::{Answer, Command};
 use crate::desk::Shared;
 use crate::page_clock::PageClock;
-use crate::request::{self, Level, Request};
+use crate::request::{self, Level, Queue, Request};
 
 /// Messages a second that a page may send, over the long run.
 const RATE: f64 = 50.0;
@@ -29,8 +31,10 @@ const WAITING: usize = 16;
 const SEND_LIMIT: Duration = Duration::from_secs(5);
 /// Period of the exchanges of time.
 const CLOCK_PERIOD: Duration = Duration::from_secs(1);
-/// How often the page's clock and the delay of its frames are recorded, in exchanges.
-const RECORDED_EVERY: u64 = 10;
+/// How often the page's clock and the delay of its frames are recorded.
+const RECORDED_EVERY: Duration = Duration::from_secs(10);
+/// A page that says nothing for so long is gone.
+const SILENCE_LIMIT: Duration = Duration::from_secs(15);
 
 /// Which page it is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -67,57 +71,68 @@ pub(crate) struct Pages {
     pub(crate) shared: Arc<Shared>,
     /// The first message to a page: what does not change.
     pub(crate) welcome: Utf8Bytes,
-    pub(crate) slow: SyncSender<Command>,
-    pub(crate) urgent: SyncSender<Command>,
+    /// Queues of the threads that carry commands out.
+    pub(crate) power: SyncSender<Command>,
+    pub(crate) stop: SyncSender<Command>,
+    pub(crate) other: SyncSender<Command>,
     /// Numbers of the pages.
     pub(crate) numbers: Arc<AtomicU64>,
     /// Pages that are open.
     pub(crate) open: Arc<AtomicU64>,
 }
 
-/// One page.
+/// What a page asks for, and its limits.
 struct Page {
     number: u64,
     kind: Kind,
     pages: Pages,
-    reader: Reader,
     clock: PageClock,
+    /// The time that was sent and not answered yet (ms, as bits); 0 for none.
+    asked_ms: Arc<AtomicU64>,
     /// Messages that it may send yet.
     allowance: f64,
     counted: Instant,
     wrong_tokens: u32,
     answers: mpsc::Sender<Utf8Bytes>,
-    exchanges: u64,
+    recorded: Instant,
 }
 
-/// Serves a page until it closes, breaks a rule, or does not listen.
-pub(crate) async fn serve(mut socket: WebSocket, kind: Kind, from: String, pages: Pages) {
+/// Serves a page until it closes, breaks a rule, or does not listen. Reading never waits for
+/// writing: a page whose line is full can stop the rig.
+pub(crate) async fn serve(socket: WebSocket, kind: Kind, from: String, pages: Pages) {
     let number = pages.numbers.fetch_add(1, Ordering::Relaxed) + 1;
     let shared = Arc::clone(&pages.shared);
     let values = [number as f64, 0.0, 0.0];
     let text = format!("{} page from {from}", kind.text());
     shared.event(EventKind::PageOpened, Severity::Info, values, &text);
     let (answers, mut answered) = mpsc::channel(WAITING);
+    let asked_ms = Arc::new(AtomicU64::new(0));
     let mut page = Page {
         number,
         kind,
-        reader: shared.board.reader(),
         pages,
         clock: PageClock::default(),
+        asked_ms: Arc::clone(&asked_ms),
         allowance: BURST,
         counted: Instant::now(),
         wrong_tokens: 0,
         answers,
-        exchanges: 0,
+        recorded: Instant::now(),
     };
-    if let Err(reason) = page.talk(&mut socket, &mut answered).await {
+    let (mut writing, mut reading) = socket.split();
+    let first = [page.pages.welcome.clone(), page.greeting()];
+    let end = tokio::select! {
+        end = page.listen(&mut reading) => end,
+        end = talk(&mut writing, kind, &shared, first, &mut answered, &asked_ms) => end,
+    };
+    if let Err(reason) = end {
         // It is told why before it is cut off.
         while let Ok(answer) = answered.try_recv() {
-            let _sent = send(&mut socket, answer).await;
+            let _sent = send(&mut writing, answer).await;
         }
         let reason = Utf8Bytes::from(reason);
         let close = Message::Close(Some(CloseFrame { code: close_code::POLICY, reason }));
-        let _sent = timeout(SEND_LIMIT, socket.send(close)).await;
+        let _sent = timeout(SEND_LIMIT, writing.send(close)).await;
     }
     let had_control = shared.access().leave(number);
     let text = if had_control { "it had control" } else { "" };
@@ -125,47 +140,75 @@ pub(crate) async fn serve(mut socket: WebSocket, kind: Kind, from: String, pages
     page.pages.open.fetch_sub(1, Ordering::Relaxed);
 }
 
+/// Tells a page what it is to know.
+///
+/// # Errors
+/// Why the connection is closed from here.
+async fn talk(
+    writing: &mut SplitSink<WebSocket, Message>,
+    kind: Kind,
+    shared: &Shared,
+    first: [Utf8Bytes; 2],
+    answered: &mut mpsc::Receiver<Utf8Bytes>,
+    asked_ms: &AtomicU64,
+) -> Result<(), &'static str> {
+    let mut reader = shared.board.reader();
+    for message in first {
+        send(writing, message).await?;
+    }
+    let mut clock = interval(CLOCK_PERIOD);
+    loop {
+        for change in shared.board.changes(&mut reader, kind.slots()) {
+            send(writing, change).await?;
+        }
+        tokio::select! {
+            changed = reader.changed.changed() => {
+                // The board lives as long as the process.
+                if changed.is_err() { return Ok(()) }
+            }
+            told = reader.feed.recv() => match told {
+                Ok((audience, text)) if kind.hears(audience) => send(writing, text).await?,
+                Ok(_) => {}
+                Err(broadcast::error::RecvError::Lagged(count)) => {
+                    shared.lose(count);
+                    let missed = json!({ "type": "missed", "messages": count });
+                    send(writing, missed.to_string().into()).await?;
+                }
+                Err(broadcast::error::RecvError::Closed) => return Ok(()),
+            },
+            Some(answer) = answered.recv() => send(writing, answer).await?,
+            _ = clock.tick() => {
+                let server_ms = now_ms();
+                asked_ms.store(server_ms.to_bits(), Ordering::Relaxed);
+                let message = json!({ "type": "clock", "server_ms": server_ms });
+                send(writing, message.to_string().into()).await?;
+            }
+        }
+    }
+}
+
 impl Page {
     /// # Errors
     /// Why the connection is closed from here.
-    async fn talk(
-        &mut self,
-        socket: &mut WebSocket,
-        answered: &mut mpsc::Receiver<Utf8Bytes>,
-    ) -> Result<(), &'static str> {
-        send(socket, self.pages.welcome.clone()).await?;
-        send(socket, self.greeting()).await?;
-        let mut clock = interval(CLOCK_PERIOD);
+    async fn listen(&mut self, reading: &mut SplitStream<WebSocket>) -> Result<(), &'static str> {
         loop {
-            for change in self.pages.shared.board.changes(&mut self.reader, self.kind.slots()) {
-                send(socket, change).await?;
-            }
-            tokio::select! {
-                changed = self.reader.changed.changed() => {
-                    // The board lives as long as the process.
-                    if changed.is_err() { return Ok(()) }
+            // A page answers the clock once a second.
+            let Ok(received) = timeout(SILENCE_LIMIT, reading.next()).await else {
+                return Err("the page is silent");
+            };
+            match received {
+                Some(Ok(Message::Text(text))) => self.take(text.as_str())?,
+                Some(Ok(Message::Binary(_))) => {
+                    self.pages.shared.lose(1);
+                    return Err("expected text");
                 }
-                told = self.reader.feed.recv() => match told {
-                    Ok((audience, text)) if self.kind.hears(audience) => send(socket, text).await?,
-                    Ok(_) => {}
-                    Err(broadcast::error::RecvError::Lagged(count)) => {
-                        self.pages.shared.lose(count);
-                        let missed = json!({ "type": "missed", "messages": count });
-                        send(socket, missed.to_string().into()).await?;
-                    }
-                    Err(broadcast::error::RecvError::Closed) => return Ok(()),
-                },
-                Some(answer) = answered.recv() => send(socket, answer).await?,
-                _ = clock.tick() => {
-                    let message = json!({ "type": "clock", "server_ms": now_ms() });
-                    send(socket, message.to_string().into()).await?;
+                Some(Ok(Message::Close(_))) | None => return Ok(()),
+                // It is gone, or its message was too long.
+                Some(Err(_)) => {
+                    self.pages.shared.lose(1);
+                    return Ok(());
                 }
-                received = socket.recv() => match received {
-                    Some(Ok(Message::Text(text))) => self.take(text.as_str())?,
-                    Some(Ok(Message::Binary(_))) => return Err("expected text"),
-                    Some(Ok(Message::Close(_)) | Err(_)) | None => return Ok(()),
-                    Some(Ok(Message::Ping(_) | Message::Pong(_))) => self.count()?,
-                },
+                Some(Ok(Message::Ping(_) | Message::Pong(_))) => self.count()?,
             }
         }
     }
@@ -193,17 +236,20 @@ impl Page {
         self.count()?;
         let message = match request::parse(text) {
             Ok(message) => message,
-            Err(error) => {
+            Err((id, error)) => {
                 self.pages.shared.lose(1);
-                self.answer(0, &Answer::refused(error));
+                self.answer(id, &Answer::refused(error));
                 return Ok(());
             }
         };
         let (id, request) = (message.id, message.request);
         match &request {
             Request::Echo { server_ms, page_ms } => {
-                self.clock.exchange(*server_ms, *page_ms, now_ms());
-                self.record_clock();
+                // Once, and only what was sent: the rest is no measurement.
+                if self.asked_ms.swap(0, Ordering::Relaxed) == server_ms.to_bits() {
+                    self.clock.exchange(*server_ms, *page_ms, now_ms());
+                    self.record_clock();
+                }
             }
             Request::Shown { at_ms, page_ms } => self.clock.shown(*at_ms, *page_ms),
             Request::Hello { token } => {
@@ -242,9 +288,13 @@ impl Page {
             self.pages.shared.event(EventKind::ControlTaken, Severity::Info, values, &text);
             return self.answer(id, &Answer::done("this page has control"));
         }
-        let queue = if request.is_urgent() { &self.pages.urgent } else { &self.pages.slow };
+        let queue = match request.queue() {
+            Queue::Power => &self.pages.power,
+            Queue::Stop => &self.pages.stop,
+            Queue::Other => &self.pages.other,
+        };
         let (answer, answered) = oneshot::channel();
-        match queue.try_send(Command { request, answer }) {
+        match queue.try_send(Command { page: self.number, request, answer }) {
             Ok(()) => {
                 let answers = self.answers.clone();
                 tokio::spawn(async move {
@@ -278,11 +328,10 @@ impl Page {
 
     /// Records the page's clock now and then, and tells the operators the delay of the frames.
     fn record_clock(&mut self) {
-        self.exchanges += 1;
-        // The first round trips are those of a page that still loads.
-        if self.exchanges % RECORDED_EVERY != 3 {
+        if self.recorded.elapsed() < RECORDED_EVERY {
             return;
         }
+        self.recorded = Instant::now();
         let shared = &self.pages.shared;
         let Some(estimate) = self.clock.estimate() else { return };
         let number = self.number as f64;
@@ -312,8 +361,11 @@ fn as_message(id: u64, answer: &Answer) -> Utf8Bytes {
     json!({ "type": "answer", "id": id, "answer": answer }).to_string().into()
 }
 
-async fn send(socket: &mut WebSocket, text: Utf8Bytes) -> Result<(), &'static str> {
-    match timeout(SEND_LIMIT, socket.send(Message::Text(text))).await {
+async fn send(
+    writing: &mut SplitSink<WebSocket, Message>,
+    text: Utf8Bytes,
+) -> Result<(), &'static str> {
+    match timeout(SEND_LIMIT, writing.send(Message::Text(text))).await {
         Ok(Ok(())) => Ok(()),
         // It is gone, or does not listen any more.
         Ok(Err(_)) | Err(_) => Err("the page does not listen"),

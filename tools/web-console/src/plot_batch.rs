@@ -5,8 +5,8 @@ use ipc_types::Sample;
 use recorder::Signal;
 use serde::Serialize;
 
-/// Samples in one bin, at 2 kHz 20 ms.
-const BIN: u32 = 40;
+/// Bins a second.
+const RATE: u32 = 50;
 /// Bins of a batch: ten batches a second.
 const BINS: usize = 5;
 
@@ -24,6 +24,8 @@ pub(crate) struct Batch {
 /// Gathers samples into batches.
 pub(crate) struct Plotter {
     signals: Vec<Signal>,
+    /// Samples in one bin.
+    bin: u32,
     /// Time of the first sample (ns).
     origin_ns: Option<u64>,
     bin_began_ns: u64,
@@ -34,10 +36,12 @@ pub(crate) struct Plotter {
 }
 
 impl Plotter {
-    pub(crate) fn new(signals: Vec<Signal>) -> Self {
+    /// For signals of samples that come at this rate (Hz).
+    pub(crate) fn new(signals: Vec<Signal>, rate_hz: u32) -> Self {
         let count = signals.len();
         let mut plotter = Self {
             signals,
+            bin: (rate_hz / RATE).max(1),
             origin_ns: None,
             bin_began_ns: 0,
             in_bin: 0,
@@ -69,7 +73,7 @@ impl Plotter {
             (*least, *largest) = (least.min(value), largest.max(value));
         }
         self.in_bin += 1;
-        if self.in_bin < BIN {
+        if self.in_bin < self.bin {
             return None;
         }
         self.in_bin = 0;
@@ -102,7 +106,7 @@ mod tests {
         let signals = recorder::signals(&rig);
         let master = signals.iter().position(|signal| signal.name.ends_with("_master")).unwrap();
         let slave = signals.iter().position(|signal| signal.name.ends_with("_slave")).unwrap();
-        let mut plotter = Plotter::new(signals);
+        let mut plotter = Plotter::new(signals, 2000);
         let mut batches = Vec::new();
         for tick in 0..400_u64 {
             let mut sample =

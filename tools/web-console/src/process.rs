@@ -142,8 +142,8 @@ fn start_threads(
     let mut threads = vec![
         spawn("runner", move || runner.serve(&ordered))?,
         spawn("sessions", {
-            let shared = Arc::clone(shared);
-            move || session_list::serve(&shared, &requests)
+            let (name, shared) = (name.clone(), Arc::clone(shared));
+            move || session_list::serve(&name, &shared, &requests)
         })?,
         spawn("status", {
             let (name, shared) = (name.clone(), Arc::clone(shared));
@@ -164,8 +164,9 @@ fn start_threads(
     let pages = Pages {
         shared: Arc::clone(shared),
         welcome: Utf8Bytes::from(welcome(rig).to_string()),
-        slow: commander("commands")?,
-        urgent: commander("urgent")?,
+        power: commander("power")?,
+        stop: commander("stop")?,
+        other: commander("commands")?,
         numbers: Arc::new(AtomicU64::new(0)),
         open: Arc::new(AtomicU64::new(0)),
     };
@@ -222,6 +223,10 @@ fn watch_status(name: &RigName, shared: &Shared) {
                 shared.board.set(Slot::Status, &json!({ "type": "status", "status": status }));
             }
             Err(error) => {
+                {
+                    let mut desk = shared.desk();
+                    (desk.running, desk.recording) = (None, None);
+                }
                 let error = error.to_string();
                 shared.board.set(Slot::Status, &json!({ "type": "status", "error": error }));
             }
@@ -253,7 +258,7 @@ impl Console {
         shared: Arc<Shared>,
     ) -> Result<Self, ConsoleError> {
         let topics = PROCESSES.iter().filter_map(|entry| event_topic(entry.process));
-        let plotter = Plotter::new(recorder::signals(&rig));
+        let plotter = Plotter::new(recorder::signals(&rig), rig.rates.acquisition_hz);
         Ok(Self {
             rig,
             shared,

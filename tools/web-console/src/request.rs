@@ -116,6 +116,17 @@ pub(crate) enum Level {
     Control,
 }
 
+/// The thread that carries a request out: what takes power or movement away waits for nothing else.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Queue {
+    /// What takes power away.
+    Power,
+    /// What ends a movement.
+    Stop,
+    /// All else.
+    Other,
+}
+
 impl Request {
     /// What a page needs for it. Whoever has the token may stop the rig.
     pub(crate) const fn level(&self) -> Level {
@@ -130,23 +141,28 @@ impl Request {
         }
     }
 
-    /// Whether it must not wait behind others: what takes power or movement away.
-    pub(crate) const fn is_urgent(&self) -> bool {
-        matches!(self, Self::Stop | Self::Verb { .. })
+    /// Which thread carries it out.
+    pub(crate) const fn queue(&self) -> Queue {
+        match self {
+            Self::Verb { verb: Verb::Estop | Verb::Disarm } => Queue::Power,
+            Self::Stop => Queue::Stop,
+            _ => Queue::Other,
+        }
     }
 }
 
 /// Reads a message.
 ///
 /// # Errors
-/// What is wrong with it, in words.
-pub(crate) fn parse(text: &str) -> Result<Message, String> {
+/// Its number, 0 where it has none, and what is wrong with it, in words.
+pub(crate) fn parse(text: &str) -> Result<Message, (u64, String)> {
     if text.len() > LONGEST {
-        return Err(format!("a message of {} bytes; at most {LONGEST} are read", text.len()));
+        let error = format!("a message of {} bytes; at most {LONGEST} are read", text.len());
+        return Err((0, error));
     }
-    let message: Message =
-        serde_json::from_str(text).map_err(|error| format!("no message of a page: {error}"))?;
-    check(&message.request)?;
+    let message: Message = serde_json::from_str(text)
+        .map_err(|error| (0, format!("no message of a page: {error}")))?;
+    check(&message.request).map_err(|error| (message.id, error))?;
     Ok(message)
 }
 
@@ -229,13 +245,14 @@ mod tests {
             (r#"{"id": 1, "request": {"do": "note", "text": " "}}"#, "note"),
             (r#"{"id": 1, "request": {"do": "record", "file": "a\u0000b"}}"#, "control character"),
         ] {
-            let error = parse(text).unwrap_err();
+            let (_, error) = parse(text).unwrap_err();
             assert!(error.contains(part), "{text}: {error}");
         }
         let long = "x".repeat(TEXT + 1);
         let note = format!(r#"{{"id": 1, "request": {{"do": "note", "text": "{long}"}}}}"#);
-        assert!(parse(&note).unwrap_err().contains(&format!("at most {TEXT}")));
-        assert!(parse(&"[".repeat(LONGEST + 1)).unwrap_err().contains("bytes"));
+        let (id, error) = parse(&note).unwrap_err();
+        assert!(id == 1 && error.contains(&format!("at most {TEXT}")), "{id}: {error}");
+        assert!(parse(&"[".repeat(LONGEST + 1)).unwrap_err().1.contains("bytes"));
         // Deeper than the parser goes.
         assert!(parse(&"[".repeat(LONGEST)).is_err());
     }

@@ -66,7 +66,7 @@ fn axes(rig: &RigFile, sample: &Sample) -> Vec<Value> {
         };
         json!({
             "name": axis.name,
-            "position": position,
+            "position": (sample.master_present & 1 << at != 0).then_some(position),
             "unit": unit,
             "homed": sample.homed & 1 << at != 0,
         })
@@ -125,7 +125,8 @@ mod tests {
     #[test]
     fn positions_are_in_degrees() {
         let rig = rig::load_rig(Path::new("hydrostatic")).unwrap();
-        let mut sample = Sample { time_ns: 5, axes: 1, homed: 1, ..Sample::default() };
+        let mut sample =
+            Sample { time_ns: 5, axes: 1, homed: 1, master_present: 1, ..Sample::default() };
         sample.master_position[0] = std::f64::consts::FRAC_PI_2;
         let view = RigView { sample: Some(sample), ..RigView::default() };
         let axis = view.state(&rig, 6)["axes"][0].clone();

@@ -17,6 +17,8 @@ pub(crate) struct RunState {
     pub(crate) subject: String,
     /// The sessions' files, where there are to be some.
     pub(crate) files: Option<Files>,
+    /// Set once it has ended: whether it ran to its end. What remains are the files.
+    pub(crate) completed: Option<bool>,
 }
 
 /// Files of the sessions.
@@ -91,6 +93,7 @@ mod tests {
                 recording: "/data/run.mcap".into(),
                 since_ns: 1 << 60,
             }),
+            completed: Some(false),
         };
         file.save(&state).unwrap();
         assert_eq!(file.load().unwrap(), Some(state));

@@ -4,10 +4,10 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::sync::mpsc::Receiver;
 
-use ipc_types::{EventKind, LoggerRequest, SessionProgress, Severity};
+use ipc_types::{EventKind, ExperimentRequest, SessionProgress, Severity};
 use operator::{
     ChosenProtocol, Progress, RigLink, RunOptions, RunOutcome, SessionFiles, resume_protocol,
-    run_protocol,
+    run_protocol, sessions_of,
 };
 use rig::protocol::Protocol;
 use runtime::RigName;
@@ -28,6 +28,14 @@ pub(crate) enum Order {
 /// What is told when it has begun, or why it has not.
 pub(crate) type Begun = oneshot::Sender<Result<(), String>>;
 
+/// An order as it waits for the thread.
+pub(crate) struct Ordered {
+    pub(crate) order: Order,
+    pub(crate) begun: Begun,
+    /// Stops that were asked for when it was given.
+    pub(crate) stops: u64,
+}
+
 /// The thread.
 pub(crate) struct Runner {
     pub(crate) rig: RigName,
@@ -38,15 +46,21 @@ pub(crate) struct Runner {
 
 impl Runner {
     /// Goes on with the protocol that a console before played, then plays those that are ordered.
-    pub(crate) fn serve(self, orders: &Receiver<(Order, Begun)>) {
+    pub(crate) fn serve(self, orders: &Receiver<Ordered>) {
         self.resume();
-        while let Ok((order, begun)) = orders.recv() {
+        while let Ok(Ordered { order, begun, stops }) = orders.recv() {
+            // Nobody waits for it any more, or somebody asked for a stop since.
+            if begun.is_closed() || self.shared.desk().stops != stops {
+                let _told = begun.send(Err("it was stopped before it began".to_owned()));
+                continue;
+            }
             let mut begun = Some(begun);
             let result = match order {
-                Order::Home => self.home(&mut begun),
-                Order::Experiment(built) => self.play(&built, &mut begun),
+                Order::Home => self.home(stops, &mut begun),
+                Order::Experiment(built) => self.play(&built, stops, &mut begun),
             };
             if let Err(error) = result {
+                self.end();
                 let text = format!("{error:#}");
                 match begun.take() {
                     Some(begun) => drop(begun.send(Err(text))),
@@ -56,19 +70,21 @@ impl Runner {
         }
     }
 
-    fn home(&self, begun: &mut Option<Begun>) -> anyhow::Result<()> {
+    fn home(&self, stops: u64, begun: &mut Option<Begun>) -> anyhow::Result<()> {
         let link = RigLink::open(&self.rig)?;
         let axes = operator::rig_of(&self.rig)?.axes.len();
         let protocol = Some(rig::home_protocol(axes).into());
         let options = RunOptions { protocol, ..RunOptions::default() };
         let chosen = ChosenProtocol::new(&options)?;
-        let stop = self.begin(chosen.protocol(), "");
+        let stop = self.begin(chosen.protocol(), "", stops);
         let outcome = run_protocol(&link, &chosen, &stop, &mut |progress| {
             tell(begun);
             self.follow(progress);
         });
         self.end();
-        let mut found = outcome_text(&outcome?);
+        let outcome = outcome?;
+        tell(begun);
+        let mut found = outcome_text(&outcome);
         if found.0 {
             found.1 = "the stops were found, and the handle is at the centre".to_owned();
         }
@@ -76,12 +92,13 @@ impl Runner {
         Ok(())
     }
 
-    fn play(&self, built: &Built, begun: &mut Option<Begun>) -> anyhow::Result<()> {
-        let link = RigLink::open(&self.rig)?;
+    fn play(&self, built: &Built, stops: u64, begun: &mut Option<Begun>) -> anyhow::Result<()> {
         let protocol = built.chosen.protocol();
+        let stop = self.begin(protocol, &built.subject, stops);
+        let link = RigLink::open(&self.rig)?;
         let files = built.files.as_deref();
         let mut files = files.map(|name| SessionFiles::new(&link, protocol, name)).transpose()?;
-        self.state.save(&RunState {
+        let mut state = RunState {
             client: built.chosen.client(),
             protocol: protocol.text().to_owned(),
             subject: built.subject.clone(),
@@ -90,18 +107,23 @@ impl Runner {
                 recording: files.recording().to_owned(),
                 since_ns: files.since_ns(),
             }),
-        })?;
-        let stop = self.begin(protocol, &built.subject);
+            completed: None,
+        };
+        self.state.save(&state)?;
         let mut over = 0;
         let outcome = run_protocol(&link, &built.chosen, &stop, &mut |progress| {
             tell(begun);
-            self.session_over(&link, progress.sessions.as_ref(), &mut over);
+            self.session_over(progress.sessions.as_ref(), &mut over);
             if let Some(files) = &mut files {
                 files.see(progress.sessions.as_ref());
             }
             self.follow(progress);
         });
-        self.finish(&link, outcome, files, begun.is_none())
+        if outcome.is_ok() {
+            // It may have ended before its first progress.
+            tell(begun);
+        }
+        self.finish(&mut state, outcome, files, begun.is_none())
     }
 
     /// Goes on with what the console before this one played.
@@ -114,25 +136,37 @@ impl Runner {
                 return self.over(false, &format!("{error:#}"));
             }
         };
-        if let Err(error) = self.resume_with(&state) {
+        if let Err(error) = self.resume_with(state) {
             self.state.remove();
             self.end();
             self.over(false, &format!("the protocol was not resumed: {error:#}"));
         }
     }
 
-    fn resume_with(&self, state: &RunState) -> anyhow::Result<()> {
+    fn resume_with(&self, mut state: RunState) -> anyhow::Result<()> {
         let protocol = Protocol::parse(&state.protocol, "protocol")?;
-        let stop = self.begin(&protocol, &state.subject);
-        // First of all the lease.
         let link = RigLink::open(&self.rig)?;
-        let sessions = protocol.sequence().filter(|(_, segment)| segment.session).count() as u32;
+        let sessions = sessions_of(&protocol);
         let mut files = state.files.as_ref().map(|Files { name, recording, since_ns }| {
             SessionFiles::resume(recording, sessions, name, *since_ns)
         });
         if let (Some(files), Some(Files { name, .. })) = (&files, &state.files) {
             self.add_files(files.earlier(name).into_iter().map(Ok).collect());
         }
+        if let Some(completed) = state.completed {
+            // It has ended. A stop that did not arrive is asked for again; the lease is not
+            // renewed.
+            if !completed {
+                let request = ExperimentRequest::Stop { client: Some(state.client) };
+                let _stopped = link.experiment(&request);
+            }
+            self.write_files(files, completed);
+            self.state.remove();
+            return Ok(());
+        }
+        // A statement of its own: `begin` locks it again.
+        let stops = self.shared.desk().stops;
+        let stop = self.begin(&protocol, &state.subject, stops);
         let text = "the console goes on with the protocol that it played before";
         let mut told = false;
         let mut over = 0;
@@ -140,19 +174,20 @@ impl Runner {
             if !std::mem::replace(&mut told, true) {
                 self.shared.event(EventKind::ProtocolResumed, Severity::Warning, [0.0; 3], text);
             }
-            self.session_over(&link, progress.sessions.as_ref(), &mut over);
+            self.session_over(progress.sessions.as_ref(), &mut over);
             if let Some(files) = &mut files {
                 files.see(progress.sessions.as_ref());
             }
             self.follow(progress);
         });
-        self.finish(&link, outcome, files, true)
+        self.finish(&mut state, outcome, files, true)
     }
 
-    /// Shows that a protocol is being played; the flag that ends it.
-    fn begin(&self, protocol: &Protocol, subject: &str) -> Arc<AtomicBool> {
-        let stop = Arc::new(AtomicBool::new(false));
+    /// Shows that a protocol is being played; the flag that ends it, raised already if a stop was
+    /// asked for since there were so many `stops`.
+    fn begin(&self, protocol: &Protocol, subject: &str, stops: u64) -> Arc<AtomicBool> {
         let mut desk = self.shared.desk();
+        let stop = Arc::new(AtomicBool::new(desk.stops != stops));
         desk.playing = Some(Playing {
             name: protocol.name.clone(),
             subject: subject.to_owned(),
@@ -171,47 +206,52 @@ impl Runner {
         }
     }
 
-    /// Has the list of sessions made anew when one is over.
-    fn session_over(&self, link: &RigLink, sessions: Option<&SessionProgress>, over: &mut u32) {
+    /// Has the list of sessions made anew when one is over. This thread renews a lease and must not
+    /// wait for the logger: another one does.
+    fn session_over(&self, sessions: Option<&SessionProgress>, over: &mut u32) {
         let now = sessions.map_or(0, |sessions| sessions.over);
         if now > *over {
             *over = now;
-            self.ask_for_reports(link);
-        }
-    }
-
-    fn ask_for_reports(&self, link: &RigLink) {
-        let recording = link.logger(&LoggerRequest::Status).ok().and_then(|it| it.recording);
-        if let Some(recording) = recording {
             // The thread ends with the process.
-            let _asked = self.reports.send(ReportRequest { recording: recording.into() });
+            let _asked = self.reports.send(ReportRequest);
         }
     }
 
     /// The protocol has ended: what remains are the files.
     fn finish(
         &self,
-        link: &RigLink,
+        state: &mut RunState,
         outcome: Result<RunOutcome, operator::Error>,
         files: Option<SessionFiles>,
         begun: bool,
     ) -> anyhow::Result<()> {
-        self.end();
         let completed = matches!(outcome, Ok(RunOutcome::Completed { .. }));
+        // Before anything else: a console that is killed now must not go on with it.
+        state.completed = Some(completed);
+        let saved = self.state.save(state);
+        self.end();
         if begun {
-            self.ask_for_reports(link);
             let (well, text) = match &outcome {
                 Ok(outcome) => outcome_text(outcome),
                 Err(error) => (false, error.to_string()),
             };
             self.over(well, &text);
-            if let Some(files) = files {
-                self.add_files(files.finish(completed));
-            }
-            self.ask_for_reports(link);
+            self.write_files(files, completed);
         }
         self.state.remove();
+        saved?;
         if begun { Ok(()) } else { outcome.map(|_| ()).map_err(Into::into) }
+    }
+
+    /// Waits for the files that are still being written. Nothing is started meanwhile.
+    fn write_files(&self, files: Option<SessionFiles>, completed: bool) {
+        let _asked = self.reports.send(ReportRequest);
+        if let Some(files) = files {
+            self.shared.desk().finishing = true;
+            self.add_files(files.finish(completed));
+            self.shared.desk().finishing = false;
+        }
+        let _asked = self.reports.send(ReportRequest);
     }
 
     fn add_files(&self, written: Vec<operator::Written>) {

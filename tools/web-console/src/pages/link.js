@@ -18,11 +18,12 @@ const Link = (() => {
     const call = (type, message) => { if (handlers[type]) { handlers[type](message); } };
 
     function open(page) {
-        path = `${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/ws?page=${page}`;
+        path = `ws://${location.host}/ws?page=${page}`;
         connect();
         // A connection that is there and silent is a lost one: the console speaks every second.
         setInterval(() => {
-            if (socket && socket.readyState === WebSocket.OPEN && now() - silentSince > 4000) {
+            // So is one that does not come about.
+            if (socket && socket.readyState <= WebSocket.OPEN && now() - silentSince > 4000) {
                 socket.close();
             }
         }, 1000);

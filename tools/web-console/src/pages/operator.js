@@ -4,21 +4,25 @@
 
 const element = (id) => document.getElementById(id);
 const mirror = Bars.into(element("mirror"));
-const token = new URLSearchParams(location.hash.slice(1)).get("token")
-    || sessionStorage.getItem("farreach.token");
+let token = sessionStorage.getItem("farreach.token");
 const EVENTS = 200;
 
 let page = { number: 0, token: false, control: false };
 let permitted = [];
 let plan = [];
-let answered = null;
-let missed = 0;
 
-if (token) {
-    // The address bar may be seen by others.
+function takeToken() {
+    const given = new URLSearchParams(location.hash.slice(1)).get("token");
+    if (!given) { return; }
+    token = given;
     sessionStorage.setItem("farreach.token", token);
+    // The address bar may be seen by others.
     history.replaceState(null, "", location.pathname);
+    if (page.number > 0) { Link.send({ do: "hello", token }); }
 }
+
+takeToken();
+window.addEventListener("hashchange", takeToken);
 
 function note(text, bad) {
     element("note").textContent = text;
@@ -34,8 +38,8 @@ function alarm(text) {
 
 async function ask(request) {
     const answer = request.do === "build" ? await Setup.send() : await Link.send(request);
-    answered = answer;
-    note(answer.text, !answer.ok);
+    element("answer").textContent = answer.text;
+    element("answer").classList.toggle("bad", !answer.ok);
     return answer;
 }
 
@@ -57,15 +61,28 @@ for (const button of document.querySelectorAll("[data-do], [data-verb]")) {
     };
 }
 
-const stop = () => ask({ do: "stop" });
-const estop = () => ask({ do: "verb", verb: "estop" });
+// That a stop failed must not be overlooked: it stays until somebody clicks on it.
+async function mustStop(request, what) {
+    const answer = await ask(request);
+    if (!answer.ok) {
+        const time = new Date().toLocaleTimeString("en-GB");
+        element("unstopped").textContent = `${time}: the ${what} FAILED: ${answer.text}. ` +
+            "Use the rig's emergency button. (Click to close.)";
+        element("unstopped").hidden = false;
+    }
+}
+
+const stop = () => mustStop({ do: "stop" }, "stop");
+const estop = () => mustStop({ do: "verb", verb: "estop" }, "emergency stop");
+element("unstopped").onclick = () => { element("unstopped").hidden = true; };
 element("stop").onclick = stop;
 element("estop").onclick = estop;
 
 // Escape stops; a second one within a second is the emergency stop.
 let escaped = 0;
 document.addEventListener("keydown", (event) => {
-    if (event.key !== "Escape") { return; }
+    // A key that is held, or that ends the input of a character, is none.
+    if (event.key !== "Escape" || event.repeat || event.isComposing) { return; }
     event.preventDefault();
     const again = Link.now() - escaped < 1000;
     escaped = Link.now();
@@ -131,7 +148,8 @@ Link.on("state", (message) => {
     element("watchdog").dataset.state = state;
     element("watchdog").textContent = rig.watchdog === "enabled" ? "enabled: MOTOR ON" : state;
     element("handle").textContent = (rig.axes || []).map((axis) =>
-        `${axis.name} ${axis.position.toFixed(1)} ${axis.unit}${axis.homed ? "" : ", NOT HOMED"}`)
+        `${axis.name} ${axis.position === null ? "?" : axis.position.toFixed(1)} ${axis.unit}` +
+        (axis.homed ? "" : ", NOT HOMED"))
         .join("   ");
     const faults = rig.faults.length > 0 ? `active: ${rig.faults.join(", ")}` : "no active fault";
     element("interlocks").textContent = rig.cause ? `cause: ${rig.cause}; ${faults}` : faults;
@@ -141,28 +159,22 @@ Link.on("state", (message) => {
     enable();
 });
 
-let wasPlaying = false;
-
 function showRun(desk) {
     const playing = desk.playing;
+    timeline(playing);
     if (playing) {
         const away = playing.absent ? " (the experiment process is restarting)" : "";
         note(`${playing.label || playing.name}${away}`);
         scanner(playing.scan);
-        timeline(playing);
+    } else if (desk.finishing) {
+        note("the session files are being written");
+    } else if (desk.elsewhere) {
+        note(`${desk.elsewhere.name} is played by another program: ${desk.elsewhere.label}`);
     } else {
-        timeline(null);
-        if (wasPlaying && desk.last) {
-            note(desk.last.text, !desk.last.well);
-        } else if (desk.elsewhere) {
-            note(`${desk.elsewhere.name} is played by another program: ${desk.elsewhere.label}`);
-        } else if (!answered && desk.last) {
-            note(desk.last.text, !desk.last.well);
-        }
+        const last = desk.last ? desk.last.text : "";
+        const built = desk.built ? `${desk.built.name} is built` : "";
+        note([last, built].filter((text) => text).join("; "), desk.last && !desk.last.well);
     }
-    // The end is told after the last segment.
-    wasPlaying = Boolean(playing) || (wasPlaying && !desk.last);
-    if (playing) { answered = null; }
 }
 
 function scanner(scan) {
@@ -246,10 +258,9 @@ Link.on("sessions", (message) => {
 });
 
 Link.on("status", (message) => {
-    if (message.error) {
-        alarm(message.error);
-        return;
-    }
+    const wrong = message.error || message.status.unread;
+    alarm(wrong ? `The rig cannot be read: ${wrong}` : "");
+    if (message.error) { return; }
     const { status } = message;
     const rows = status.processes.map((process) => {
         const row = document.createElement("tr");
@@ -269,7 +280,7 @@ Link.on("status", (message) => {
     element("processes").tBodies[0].replaceChildren(...rows);
     const lost = status.losses.map((loss) =>
         `${loss.topic}: ${loss.gaps + loss.dropped + loss.refused}`);
-    const here = Number(element("losses").dataset.lost || 0) + missed;
+    const here = Number(element("losses").dataset.lost || 0);
     element("losses").textContent =
         `recording: ${lost.length > 0 ? `LOST ${lost.join(", ")}` : "nothing lost"}` +
         (here > 0 ? `; console: ${here} messages missed or refused` : "");
@@ -284,7 +295,6 @@ Link.on("page-clock", (message) => {
         `±${(message.round_trip_ms / 2).toFixed(1)} ms`;
 });
 
-Link.on("missed", (message) => { missed += message.messages; });
 Link.on("plot", (message) => Plots.take(message.batch));
 
 Link.on("event", (event) => {

@@ -7,6 +7,8 @@ const Setup = (() => {
     const element = (id) => document.getElementById(id);
     let entries = [];
     let build = null;
+    // Rises with each change: an answer that comes after one is about something else.
+    let changes = 0;
 
     function begin(protocols) {
         if (entries.length > 0) { return; }
@@ -21,6 +23,7 @@ const Setup = (() => {
         const protocol = element("protocol").value;
         localStorage.setItem("farreach.protocol", protocol);
         stale();
+        entries = [];
         const answer = await Link.send({ do: "describe", protocol });
         if (protocol !== element("protocol").value) { return; }
         element("description").textContent = answer.ok ? answer.data.description : answer.text;
@@ -55,6 +58,13 @@ const Setup = (() => {
             wrong(line, entry, null);
             stale();
         };
+        // What the file sets cannot be taken out, only changed.
+        input.onchange = () => {
+            if (input.value.trim() === "" && entry.value !== null) {
+                input.value = entry.value;
+                input.oninput();
+            }
+        };
         line.classList.toggle("changed", input.value !== (entry.value ?? ""));
         line.append(name, input, limits);
         return line;
@@ -67,6 +77,7 @@ const Setup = (() => {
 
     // What was built is not what the entries say any more.
     function stale() {
+        changes += 1;
         build = null;
         element("problems").textContent = "";
     }
@@ -95,7 +106,17 @@ const Setup = (() => {
     }
 
     async function send() {
-        const answer = await Link.send(request());
+        const asked = request();
+        if (Number.isNaN(asked.emulate_scanner_s)) {
+            const text = "the repetition time of the emulated scanner is no number (2 or 2.5)";
+            element("problems").textContent = text;
+            return { ok: false, text };
+        }
+        const before = changes;
+        const answer = await Link.send(asked);
+        if (changes !== before) {
+            return { ok: false, text: "a value was changed meanwhile; build again" };
+        }
         build = answer.ok ? answer.data.build : null;
         element("problems").textContent = answer.ok ? "" : answer.text;
         for (const entry of entries) {
@@ -116,8 +137,7 @@ const Setup = (() => {
     }
 
     function keep() {
-        const name = prompt("Name of the preset", element("protocol").value);
-        if (!name) { return; }
+        const name = element("preset-name").value.trim() || element("protocol").value;
         const { protocol, entries: values, emulate_scanner_s } = request();
         const all = presets();
         all[name] = { protocol, values, emulate_scanner_s };

@@ -61,7 +61,8 @@ function tone(frequency, duration) {
 }
 
 Link.on("event", (event) => {
-    // What lies further back is no beat for now: a page that opens is told the last events.
+    // What lies further back is no beat for now: a console that was started again is told the last
+    // events.
     if (event.age_ms > 300) { return; }
     if (event.kind === "beat") { tone(880, 0.06); }
     if (event.kind === "session started") { tone(660, 0.4); }
