@@ -61,6 +61,16 @@ async fn set(operator: &Tab, values: &[(&str, &str)]) {
     }
 }
 
+/// Opens the operator's page, which gets control, and chooses a protocol with short sessions.
+async fn open(browser: &Browser, address: &str, protocol: &str) -> Tab {
+    let operator = Tab::open(browser, address).await;
+    operator
+        .wait(SHORT, "document.querySelector('#access').textContent.includes('control.')")
+        .await;
+    choose(&operator, protocol).await;
+    operator
+}
+
 /// Chooses a protocol and waits for its values.
 async fn choose(operator: &Tab, protocol: &str) {
     let chosen = format!(
@@ -205,11 +215,7 @@ fn an_operator_runs_a_force_matching_experiment_in_a_browser() {
     let (operator_page, subject_page) = pages(&rig);
     block_on(async {
         let browser = chromium.connect().await;
-        let operator = Tab::open(&browser, &operator_page).await;
-        operator
-            .wait(SHORT, "document.querySelector('#access').textContent.includes('control.')")
-            .await;
-        choose(&operator, "force-matching").await;
+        let operator = open(&browser, &operator_page, "force-matching").await;
         operator.fill("#subject", "Jörg").await;
 
         // A value beyond its limit is refused, and named.
@@ -337,11 +343,7 @@ fn a_session_goes_on_although_console_and_experiment_and_logger_are_killed() {
     let mut files = String::new();
     block_on(async {
         let browser = chromium.connect().await;
-        let operator = Tab::open(&browser, &operator_page).await;
-        operator
-            .wait(SHORT, "document.querySelector('#access').textContent.includes('control.')")
-            .await;
-        choose(&operator, "emg-matching").await;
+        let operator = open(&browser, &operator_page, "emg-matching").await;
         let subject = Tab::open(&browser, &subject_page).await;
         let mut done = false;
         for attempt in 1..=ATTEMPTS {

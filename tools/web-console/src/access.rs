@@ -77,11 +77,6 @@ impl Access {
     pub(crate) const fn controller(&self) -> Option<u64> {
         self.controller
     }
-
-    /// Pages that have shown the token.
-    pub(crate) fn allowed(&self) -> usize {
-        self.allowed.len()
-    }
 }
 
 #[cfg(test)]

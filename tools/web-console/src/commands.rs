@@ -17,8 +17,8 @@ use serde::Serialize;
 use serde_json::{Value, json};
 use tokio::sync::oneshot;
 
-use crate::desk::{Built, Shared, planned};
-use crate::request::{Request, Setup};
+use crate::desk::{Built, Shared};
+use crate::request::{Level, Request, Setup};
 use crate::runner::{Order, Ordered};
 
 /// A protocol begins within this time, or its start has failed.
@@ -116,8 +116,12 @@ impl Commander {
         // The first command shall find the link made; where that fails, it tries again.
         let _linked = thread.link().is_ok();
         while let Ok(Command { page, request, answer }) = commands.recv() {
-            // The page may have lost control, or be gone, while its command waited.
-            let may = thread.commander.shared.access().check(page, request.level());
+            // The page may have lost control, or be gone, while its command waited. What stops the
+            // rig was allowed when it came, and is done although its page has gone.
+            let may = match request.level() {
+                Level::Control => thread.commander.shared.access().check(page, Level::Control),
+                Level::Anyone | Level::Token => Ok(()),
+            };
             let answered = match may {
                 Ok(()) => thread.perform(&request).unwrap_or_else(|error| {
                     // The next command tries with a new link.
@@ -211,13 +215,12 @@ impl CommandThread {
         let id = format!("{:016x}", random_u64());
         let protocol = chosen.protocol();
         let (name, duration_s) = (protocol.name.clone(), protocol.duration_s());
-        let segments = planned(protocol);
         let built = Built { id: id.clone(), chosen, subject: setup.subject.clone(), files };
         let mut desk = self.commander.shared.desk();
         desk.built = Some(Arc::new(built));
         self.commander.shared.show(&desk);
         Ok(Answer {
-            data: json!({ "build": id, "duration_s": duration_s, "segments": segments }),
+            data: json!({ "build": id }),
             ..Answer::done(format!("{name} is ready, {duration_s:.0} s at most{before}"))
         })
     }
@@ -364,9 +367,7 @@ fn describe(asked: &str) -> Answer {
                 })
             };
             let data = json!({
-                "name": protocol.name,
                 "description": protocol.description,
-                "duration_s": protocol.duration_s(),
                 "entries": entries.iter().map(entry).collect::<Vec<_>>(),
             });
             Answer { data, ..Answer::done(protocol.name) }

@@ -169,11 +169,7 @@ async fn talk(
             told = reader.feed.recv() => match told {
                 Ok((audience, text)) if kind.hears(audience) => send(writing, text).await?,
                 Ok(_) => {}
-                Err(broadcast::error::RecvError::Lagged(count)) => {
-                    shared.lose(count);
-                    let missed = json!({ "type": "missed", "messages": count });
-                    send(writing, missed.to_string().into()).await?;
-                }
+                Err(broadcast::error::RecvError::Lagged(count)) => shared.lose(count),
                 Err(broadcast::error::RecvError::Closed) => return Ok(()),
             },
             Some(answer) = answered.recv() => send(writing, answer).await?,

@@ -19,7 +19,6 @@ use runtime::{PortError, Publisher, RigName, Service, ServiceError, Subscriber, 
 use serde_json::{Value, json};
 use thiserror::Error;
 
-use crate::access::Access;
 use crate::board::{Audience, Slot};
 use crate::commands::{Command, Commander};
 use crate::desk::Shared;
@@ -247,6 +246,8 @@ struct Console {
     heartbeats: Publisher<Heartbeat>,
     view: RigView,
     plotter: Plotter,
+    /// What the subject was shown last.
+    seen: Option<SubjectView>,
     beat: Instant,
     told: Instant,
 }
@@ -270,6 +271,7 @@ impl Console {
             heartbeats: service.heartbeat_publisher()?,
             view: RigView::default(),
             plotter,
+            seen: None,
             beat: Instant::now(),
             told: Instant::now(),
         })
@@ -288,7 +290,11 @@ impl Console {
         let running = self.shared.desk().situation(None).running;
         let mode = self.view.mode(now_ns);
         let seen = SubjectView::new(self.view.performance.as_ref(), mode, running, now_ns);
-        self.shared.board.set(Slot::Bar, &json!({ "type": "bar", "view": seen }));
+        // Four times of five nothing has changed.
+        if self.seen.as_ref() != Some(&seen) {
+            self.shared.board.set(Slot::Bar, &json!({ "type": "bar", "view": seen }));
+            self.seen = Some(seen);
+        }
         if self.told.elapsed() >= STATE {
             self.told = Instant::now();
             let state = self.state(now_ns);
@@ -339,17 +345,13 @@ impl Console {
         let permitted = desk.situation(self.view.watchdog(now_ns)).permitted();
         let console = desk.state();
         drop(desk);
-        let (controller, operators) = {
-            let access: &Access = &self.shared.access();
-            (access.controller(), access.allowed())
-        };
+        let controller = self.shared.access().controller();
         json!({
             "type": "state",
             "rig": self.view.state(&self.rig, now_ns),
             "console": console,
             "permitted": permitted,
             "controller": controller,
-            "operators": operators,
             "lost": self.lost(),
         })
     }
