@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use clap::{Subcommand, ValueEnum};
+use clap::{Args, Subcommand, ValueEnum};
 
 /// Recordings on and off, and what to do with the files.
 #[derive(Clone, Debug, Subcommand)]
@@ -137,30 +137,78 @@ pub enum Command {
         #[arg(long)]
         json: bool,
     },
-    /// Writes a table: the measured record that `farreach identify` reads, or all fields of one
-    /// topic.
+    /// Writes for other programs: the measured record that `farreach identify` reads, all fields
+    /// of one topic, MATLAB files, or part of a BIDS dataset.
     ///
     /// Example: farreach rec export run.mcap --to csv > run.csv;
-    /// farreach rec export S07.mcap --to mat -o S07_
+    /// farreach rec export S07.mcap --to mat -o S07_;
+    /// farreach rec export S07.mcap --to bids -o study
     Export {
         /// The recording.
         file: PathBuf,
-        /// Format.
-        #[arg(long, value_enum)]
-        to: ExportFormat,
-        /// All fields of this topic instead of the measured record.
-        #[arg(long)]
-        topic: Option<String>,
-        /// Unit of the axis, for the names of the columns.
-        #[arg(long, value_enum, default_value_t = LengthUnit::Rad)]
-        unit: LengthUnit,
-        /// Axis, from 0.
-        #[arg(long, default_value_t = 0)]
-        axis: usize,
-        /// The new file, never overwritten; stdout where not given (not for mat).
-        #[arg(short, long, required_if_eq("to", "mat"))]
-        out: Option<PathBuf>,
+        /// What to write.
+        #[command(flatten)]
+        options: ExportOptions,
     },
+}
+
+/// What `farreach rec export` writes.
+#[derive(Clone, Debug, Args)]
+pub struct ExportOptions {
+    /// Format.
+    #[arg(long, value_enum)]
+    pub to: ExportFormat,
+    /// All fields of this topic instead of the measured record (csv).
+    #[arg(long)]
+    pub topic: Option<String>,
+    /// Unit of the axis, for the names of the columns (csv).
+    #[arg(long, value_enum, default_value_t = LengthUnit::Rad)]
+    pub unit: LengthUnit,
+    /// Axis, from 0 (csv).
+    #[arg(long, default_value_t = 0)]
+    pub axis: usize,
+    /// The new file, never overwritten, stdout where not given (csv); the name of the new files
+    /// (mat); the folder of the dataset, new or not (bids).
+    #[arg(short, long, required_if_eq_any([("to", "mat"), ("to", "bids")]))]
+    pub out: Option<PathBuf>,
+    /// How the runs are named in a dataset.
+    #[command(flatten)]
+    pub bids: BidsOptions,
+}
+
+/// How the runs of a recording are named in a BIDS dataset.
+#[derive(Clone, Debug, Default, Args)]
+pub struct BidsOptions {
+    /// Subject; that of the recording, if left out (bids).
+    #[arg(long, value_name = "LABEL")]
+    pub subject: Option<String>,
+    /// Session, of a subject that comes more than once (bids).
+    #[arg(long, value_name = "LABEL")]
+    pub session: Option<String>,
+    /// Task; the name of the protocol, if left out (bids).
+    #[arg(long, value_name = "LABEL")]
+    pub task: Option<String>,
+    /// Number of the first run of a task; 1, if left out (bids).
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    pub run: Option<u32>,
+    /// Number of the first volume that the scanner stored, from 0: its beginning is onset 0; 0, if
+    /// left out (bids).
+    #[arg(long, value_name = "N")]
+    pub first_volume: Option<u64>,
+}
+
+impl BidsOptions {
+    /// An option that was given.
+    pub(crate) fn given(&self) -> Option<&'static str> {
+        let given = [
+            ("--subject", self.subject.is_some()),
+            ("--session", self.session.is_some()),
+            ("--task", self.task.is_some()),
+            ("--run", self.run.is_some()),
+            ("--first-volume", self.first_volume.is_some()),
+        ];
+        given.into_iter().find(|(_, given)| *given).map(|(option, _)| option)
+    }
 }
 
 /// Formats of `farreach rec export`.
@@ -172,6 +220,9 @@ pub enum ExportFormat {
     /// a recording with several runs); `OUT.mat` for a recording without sessions. All signals
     /// with names and units, events, the subject's bar.
     Mat,
+    /// Part of a dataset by the Brain Imaging Data Structure: of each run of a protocol the events,
+    /// torque and other inputs, bar, positions, and EMG as BDF+.
+    Bids,
 }
 
 /// Unit of an axis.

@@ -9,29 +9,35 @@ use recording::mcap_read::{Recording, Selection};
 use recording::record::{ColumnNames, Gaps, Options, SampleColumns, from_recording, write_csv};
 use recording::schema::Layout;
 
+use crate::args::ExportOptions;
 use crate::output::Output;
-use crate::{DATA_LOST, ExportFormat, LengthUnit, exit_code_of_tail, mat};
+use crate::{DATA_LOST, ExportFormat, LengthUnit, bids, exit_code_of_tail, mat};
 
 /// Writes a table whose source was found readable.
 type WriteTable<'a> = Box<dyn FnOnce(&mut dyn Write) -> anyhow::Result<()> + 'a>;
 
 pub(crate) fn export(
     file: &Path,
-    format: ExportFormat,
-    topic: Option<&str>,
-    unit: LengthUnit,
-    axis: usize,
-    to: Option<&Path>,
+    options: &ExportOptions,
     stdout: &mut Output<'_>,
 ) -> anyhow::Result<i32> {
-    let recording = Recording::open(file)?;
-    if format == ExportFormat::Mat {
-        if topic.is_some() {
-            bail!("--topic: a MATLAB file holds the signals of samples; export topics as csv");
-        }
-        let Some(name) = to else { bail!("--out: name the files to write") };
-        return mat::export(file, name, stdout);
+    let ExportOptions { to: format, topic, unit, axis, out: to, bids } = options;
+    let (topic, to) = (topic.as_deref(), to.as_deref());
+    if *format != ExportFormat::Csv && topic.is_some() {
+        bail!("--topic: only csv has the fields of a topic");
     }
+    if *format != ExportFormat::Bids
+        && let Some(option) = bids.given()
+    {
+        bail!("{option}: it names parts of a dataset, with --to bids");
+    }
+    match (format, to) {
+        (ExportFormat::Csv, _) => {}
+        (_, None) => bail!("--out: say where to write"),
+        (ExportFormat::Mat, Some(name)) => return mat::export(file, name, stdout),
+        (ExportFormat::Bids, Some(folder)) => return bids::export(file, bids, folder, stdout),
+    }
+    let recording = Recording::open(file)?;
     let mut code = exit_code_of_tail(&recording);
     let write: WriteTable<'_> = match topic {
         Some(topic) => {
@@ -43,7 +49,7 @@ pub(crate) fn export(
                 LengthUnit::Rad => ColumnNames::rotary(),
                 LengthUnit::M => ColumnNames::linear(),
             };
-            let columns = SampleColumns { axis, ..SampleColumns::new(names) };
+            let columns = SampleColumns { axis: *axis, ..SampleColumns::new(names) };
             let record =
                 from_recording(&recording, &columns, &Options::default().gaps(Gaps::LongestRun))?;
             for finding in &record.findings {

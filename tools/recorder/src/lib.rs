@@ -49,6 +49,8 @@
 
 mod all_parts;
 mod args;
+mod bdf_file;
+mod bids;
 mod cat;
 mod edit;
 mod ended_sessions;
@@ -58,6 +60,8 @@ mod mat;
 mod mat_file;
 mod names;
 mod output;
+mod recorded_events;
+mod samples;
 mod sessions;
 mod sessions_figure;
 mod signals;
@@ -65,7 +69,7 @@ mod volumes;
 
 use std::io::Write;
 
-pub use args::{Command, ExportFormat, LengthUnit};
+pub use args::{BidsOptions, Command, ExportFormat, ExportOptions, LengthUnit};
 pub use mat::{WantedSession, session_path, write_session};
 use output::Output;
 use recording::mcap_read::Recording;
@@ -113,15 +117,12 @@ pub fn run_to(command: &Command, output: &mut dyn Write) -> anyhow::Result<i32> 
         Command::Sessions { file, out: table, figure, json } => {
             sessions::sessions(file, table.as_deref(), figure.as_deref(), *json, out)
         }
-        Command::Export { file, to, topic, unit, axis, out: target } => {
-            export::export(file, *to, topic.as_deref(), *unit, *axis, target.as_deref(), out)
-        }
+        Command::Export { file, options } => export::export(file, options, out),
     }?;
     output.flush()?;
     Ok(code)
 }
 
-/// The exit code by the end of a file: data is missing behind a torn end, not in a recording that
 /// Exit code by how the file ends: `DATA_LOST` for a truncated file, `DONE` for a complete one or
 /// one still being written.
 fn exit_code_of_tail(recording: &Recording) -> i32 {

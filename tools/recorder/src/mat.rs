@@ -10,19 +10,18 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use anyhow::bail;
-use ipc_types::{
-    BARS, Event, EventKind, PROCESSES, Performance, SAMPLE, Sample, SessionOutcome, event_topic,
-};
+use ipc_types::{BARS, Event, EventKind, Performance, SessionOutcome};
 use recording::mcap_read::Recording;
 use recording::mcap_write::key;
-use rig::RigFile;
 
 use crate::DATA_LOST;
 use crate::all_parts::AllParts;
 use crate::ended_sessions::{EndedSession, bar_updates, ended_sessions};
 use crate::mat_file::{Value, encode};
 use crate::output::{none_exists, write_new};
-use crate::signals::{Signal, rig_file, signals};
+use crate::recorded_events::recorded_events;
+use crate::samples::Samples;
+use crate::signals::Signal;
 
 /// A stretch of a recording.
 struct Stretch<'a> {
@@ -54,7 +53,7 @@ pub(crate) fn export(file: &Path, name: &Path, out: &mut dyn Write) -> anyhow::R
     none_exists(&paths)?;
     let mut code = crate::exit_code_of_tail(&recording);
     for (path, stretch) in &stretches {
-        let data = Samples::read(&recording, stretch)?;
+        let data = stretch.samples(&recording)?;
         let samples = data.times_ns.len();
         write(&recording, stretch, data, path)?;
         writeln!(out, "{}: {samples} samples", path.display())?;
@@ -115,7 +114,7 @@ pub fn write_session(
     };
     let Some(session) = sessions.iter().find(fits) else { return Ok(None) };
     let stretch = Stretch::of(session);
-    let data = Samples::read(&recording, &stretch)?;
+    let data = stretch.samples(&recording)?;
     if !data.beyond {
         return Ok(None);
     }
@@ -154,37 +153,9 @@ impl<'a> Stretch<'a> {
     const fn holds(&self, at_ns: u64) -> bool {
         self.begun_ns <= at_ns && at_ns < self.ended_ns
     }
-}
 
-/// The samples of a stretch: a column for each signal.
-struct Samples {
-    rig: RigFile,
-    signals: Vec<Signal>,
-    times_ns: Vec<u64>,
-    columns: Vec<Vec<f64>>,
-    /// Whether a sample after the stretch is there, and so all of its own that there will be.
-    beyond: bool,
-}
-
-impl Samples {
-    fn read(recording: &Recording, stretch: &Stretch<'_>) -> anyhow::Result<Self> {
-        let rig = rig_file(recording)?;
-        let signals = signals(&rig);
-        let (mut times_ns, mut columns) = (Vec::new(), vec![Vec::new(); signals.len()]);
-        let mut beyond = false;
-        for message in recording.messages::<Sample>(SAMPLE.topic.name)? {
-            let sample = message?.message;
-            beyond |= sample.scan_time_ns >= stretch.ended_ns;
-            let repeated = times_ns.last().is_some_and(|last| sample.scan_time_ns <= *last);
-            if repeated || !stretch.holds(sample.scan_time_ns) {
-                continue;
-            }
-            times_ns.push(sample.scan_time_ns);
-            for (column, signal) in columns.iter_mut().zip(&signals) {
-                column.push(signal.value(&sample));
-            }
-        }
-        Ok(Self { rig, signals, times_ns, columns, beyond })
+    fn samples(&self, recording: &Recording) -> anyhow::Result<Samples> {
+        Samples::read(recording, self.begun_ns..self.ended_ns)
     }
 }
 
@@ -269,17 +240,7 @@ fn events(
     stretch: &Stretch<'_>,
     seconds: impl Fn(u64) -> f64,
 ) -> anyhow::Result<Value> {
-    let mut found: Vec<Event> = Vec::new();
-    for topic in PROCESSES.iter().filter_map(|entry| event_topic(entry.process)) {
-        for message in recording.messages_if_any::<Event>(topic.topic.name)? {
-            let event = message?.message;
-            if stretch.holds(event.time_ns) {
-                found.push(event);
-            }
-        }
-    }
-    found.sort_by_key(|event| event.time_ns);
-    found.dedup_by_key(|event| (event.incarnation, event.sequence, event.source));
+    let found = recorded_events(recording, stretch.begun_ns..stretch.ended_ns)?;
     let kind = |event: &Event| EventKind::from_code(event.kind).map_or("unknown", |k| k.text());
     let numbers = |of: &dyn Fn(&Event) -> f64| Value::column(found.iter().map(of).collect());
     Ok(Value::Structure(vec![

@@ -13,14 +13,19 @@ pub struct Signal {
     pub name: String,
     /// Unit of its values.
     pub unit: String,
-    source: Source,
+    pub(crate) source: Source,
 }
 
+/// Where in a sample a signal is.
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Source {
+pub(crate) enum Source {
+    /// Position of the motor of an axis.
     Master(usize),
+    /// Position of the handle of an axis.
     Slave(usize),
+    /// Torque or force of the hand on an axis.
     Torque(usize),
+    /// Volts at the motor of an axis.
     MotorVolts(usize),
     /// An input of the card, with the measured quantity for a volt.
     Analog(usize, f64),

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::io::Write;
+use std::ops::Range;
 use std::path::Path;
 
 use anyhow::bail;
@@ -160,6 +161,20 @@ fn counted(recording: &Recording) -> anyhow::Result<Vec<Scan>> {
         Some(Scan::new(newest.expected, counts, first, &rows, began_ns))
     };
     Ok(scans.iter().filter_map(scan).collect())
+}
+
+/// Number and beginning (ns, CLOCK_MONOTONIC) of each volume that a protocol counted in `times`.
+///
+/// # Errors
+/// Those of reading.
+pub(crate) fn volume_times(
+    recording: &Recording,
+    times: &Range<u64>,
+) -> anyhow::Result<Vec<(u64, u64)>> {
+    let scans = counted(recording)?;
+    let all = scans.iter().flat_map(|scan| scan.rows.iter().zip(&scan.times));
+    let volumes = all.map(|(row, time)| (row.volume, time.at_ns));
+    Ok(volumes.filter(|(_, at_ns)| times.contains(at_ns)).collect())
 }
 
 /// The volumes from the first on, with its number: of many without a pulse in a row not each has a

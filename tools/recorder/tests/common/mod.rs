@@ -1,6 +1,8 @@
 //! Runs commands of the recorder, and keeps their files in a folder.
 #![allow(dead_code, unreachable_pub, clippy::unwrap_used, clippy::expect_used)]
 
+pub mod experiment;
+
 use std::path::PathBuf;
 
 use clap::Parser;

@@ -1,0 +1,93 @@
+//! `export --to bids`: a recording's runs as part of a dataset by the Brain Imaging Data Structure
+//! (BIDS).
+//!
+//! Each protocol that was run is one run of the dataset: its events, the torque with the other
+//! inputs and the bar (`physio`, `stim`), the positions (`motion`), and the electrodes (`emg`,
+//! BDF+). With a scan, onset 0 is the beginning of the first stored volume.
+
+mod continuous;
+mod dataset;
+mod electrodes;
+mod events;
+mod motion;
+mod names;
+mod run;
+mod staged;
+
+use std::io::Write;
+use std::path::Path;
+
+use anyhow::bail;
+use recording::mcap_read::Recording;
+
+use crate::DATA_LOST;
+use crate::args::BidsOptions;
+use names::{Names, label};
+use run::{Run, stretches};
+use staged::Staged;
+
+/// Adds the runs of a recording to the dataset in `folder`, which is made where it is not there;
+/// adds nothing where one of its files is there already.
+///
+/// # Errors
+/// As reading and writing do; where a label cannot be told, a volume was not counted, or `folder`
+/// has files but is no dataset.
+pub(crate) fn export(
+    file: &Path,
+    options: &BidsOptions,
+    folder: &Path,
+    out: &mut dyn Write,
+) -> anyhow::Result<i32> {
+    let recording = Recording::open(file)?;
+    dataset::check(folder)?;
+    let mut staged = Staged::new(folder)?;
+    let mut code = crate::exit_code_of_tail(&recording);
+    let mut numbers = names::RunNumbers::from(options.run.unwrap_or(1));
+    let mut told = Vec::new();
+    for stretch in stretches(&recording)? {
+        let subject = match &options.subject {
+            Some(given) => label("--subject", given)?,
+            None => label("the recording's subject: give --subject", stretch.subject)?,
+        };
+        let task = match &options.task {
+            Some(given) => label("--task", given)?,
+            None => label("the protocol's name: give --task", stretch.protocol)?,
+        };
+        let session = options.session.as_deref().map(|given| label("--session", given));
+        let run = numbers.next(&task);
+        let names = Names { subject, session: session.transpose()?, task, run };
+        let run = Run::read(&recording, &stretch, options.first_volume)?;
+        if run.missing() > 0 {
+            code = DATA_LOST;
+        }
+        told.push(write_run(&run, &names, &mut staged)?);
+    }
+    if told.is_empty() {
+        bail!("{}: it has no samples to export", file.display());
+    }
+    staged.publish()?;
+    for line in told {
+        writeln!(out, "{}: {line}", folder.display())?;
+    }
+    Ok(code)
+}
+
+/// Writes the files of a run; returns what is to be told of it.
+fn write_run(run: &Run<'_>, names: &Names, staged: &mut Staged) -> anyhow::Result<String> {
+    dataset::describe(run, names, staged)?;
+    let with_scan = if run.scan { "func" } else { "beh" };
+    events::write(run, &names.file(with_scan, "events"), run.zero_ns, staged)?;
+    continuous::write(run, names, with_scan, staged)?;
+    let mut datatypes = vec![with_scan];
+    if motion::write(run, names, staged)? {
+        datatypes.push("motion");
+    }
+    if electrodes::write(run, names, staged)? {
+        datatypes.push("emg");
+    }
+    let missing = match run.missing() {
+        0 => String::new(),
+        missing => format!(", {missing} MISSING"),
+    };
+    Ok(format!("{} ({}): {} samples{missing}", names.stem(), datatypes.join(", "), run.rows()))
+}

@@ -1,0 +1,157 @@
+//! The electrodes of a run, as BDF+.
+
+use std::io::Write;
+
+use rig::{Channel, ChannelKind};
+use serde_json::json;
+
+use super::continuous::{indices, kind_of};
+use super::events;
+use super::names::Names;
+use super::run::Run;
+use super::staged::Staged;
+use crate::bdf_file::{BdfAnnotation, BdfHeader, BdfSignal, write_bdf};
+use crate::signals::Source;
+
+/// Characters of a signal's name in the file.
+const LABEL: usize = 16;
+
+/// Writes the electrodes, with the scanner's trigger; returns whether the rig has any.
+pub(super) fn write(run: &Run<'_>, names: &Names, staged: &mut Staged) -> anyhow::Result<bool> {
+    let recorded = |wanted: fn(ChannelKind) -> bool| {
+        indices(run, |signal, rig| match signal.source {
+            Source::Analog(input, _) => wanted(kind_of(rig, input)),
+            _ => false,
+        })
+    };
+    let electrodes = recorded(|kind| kind == ChannelKind::Emg).len();
+    if electrodes == 0 {
+        return Ok(false);
+    }
+    let channels: Vec<(usize, &Channel)> =
+        recorded(|kind| matches!(kind, ChannelKind::Emg | ChannelKind::Trigger))
+            .into_iter()
+            .filter_map(|at| Some((at, channel_of(run, at)?)))
+            .collect();
+    write_signals(run, names, &channels, staged)?;
+    let mut table = staged.create(names.file("emg", "channels.tsv"))?;
+    writeln!(table, "name\ttype\tunits\tdescription\ttarget_muscle")?;
+    for (_, channel) in &channels {
+        writeln!(table, "{}", row(channel))?;
+    }
+    table.flush()?;
+    let about = json!({
+        "TaskName": run.protocol,
+        "TaskDescription": run.description,
+        "SamplingFrequency": run.rate_hz(),
+        "RecordingType": "continuous",
+        "RecordingDuration": run.rows() as f64 / f64::from(run.rate_hz()),
+        "StartTime": Run::seconds(run.first_ns, run.zero_ns),
+        "SoftwareFilters": "n/a",
+        "HardwareFilters": "n/a",
+        "EMGChannelCount": electrodes,
+        "TriggerChannelCount": channels.len() - electrodes,
+        "SoftwareVersions": format!("farreach {}", run.version()),
+    });
+    staged.json(names.file("emg", "emg.json"), &about)?;
+    events::write(run, &names.file("emg", "events"), run.first_ns, staged)?;
+    super::dataset::describe_electrodes(run, names, staged);
+    super::dataset::note_file(run, names, &names.file("emg", "emg.bdf"), staged);
+    Ok(true)
+}
+
+fn channel_of<'a>(run: &'a Run<'_>, at: usize) -> Option<&'a Channel> {
+    let Source::Analog(input, _) = run.samples.signals[at].source else { return None };
+    run.samples.rig.channels.iter().find(|channel| channel.index == input)
+}
+
+/// Name of a channel in the file: that of the rig file, where it fits.
+fn label(channel: &Channel) -> String {
+    let Channel { name, index, .. } = channel;
+    let fits = name.len() <= LABEL && name.chars().all(|c| c.is_ascii_graphic() || c == ' ');
+    if fits { name.clone() } else { format!("input {index}") }
+}
+
+fn row(channel: &Channel) -> String {
+    let text = |text: &str| match text.replace(|c: char| c.is_control(), " ") {
+        empty if empty.trim().is_empty() => "n/a".to_owned(),
+        text => text,
+    };
+    let kind = if channel.kind == ChannelKind::Emg { "EMG" } else { "TRIG" };
+    let group = match channel.group {
+        Some(emg::Group::Agonist) => ", agonist",
+        Some(emg::Group::Antagonist) => ", antagonist",
+        None => "",
+    };
+    format!(
+        "{}\t{kind}\t{}\t{} at input {} of the card{group}\t{}",
+        label(channel),
+        text(&channel.unit),
+        text(&channel.name),
+        channel.index,
+        text(&channel.muscle)
+    )
+}
+
+fn write_signals(
+    run: &Run<'_>,
+    names: &Names,
+    channels: &[(usize, &Channel)],
+    staged: &mut Staged,
+) -> anyhow::Result<()> {
+    let labels: Vec<String> = channels.iter().map(|(_, channel)| label(channel)).collect();
+    let values = |at: usize| {
+        let column = &run.samples.columns[at];
+        run.indices().map(|index| index.map_or(f64::NAN, |index| column[index])).collect()
+    };
+    let signals: Vec<BdfSignal<'_>> = channels
+        .iter()
+        .zip(&labels)
+        .map(|((at, channel), label)| BdfSignal {
+            label,
+            unit: &channel.unit,
+            transducer: &channel.muscle,
+            range: channel.range_v * channel.per_v,
+            values: values(*at),
+        })
+        .collect();
+    let mut annotations: Vec<BdfAnnotation> = events::told(run)
+        .into_iter()
+        .map(|event| BdfAnnotation {
+            onset_s: Run::seconds(event.at_ns, run.first_ns),
+            duration_s: Run::seconds(event.until_ns, event.at_ns),
+            text: event.text,
+        })
+        .collect();
+    annotations.extend(missing(run));
+    let header = BdfHeader {
+        subject: &names.subject,
+        equipment: "farreach",
+        began_ns: run.wall_clock_ns(run.first_ns),
+        rate_hz: run.rate_hz(),
+    };
+    let mut file = staged.create(names.file("emg", "emg.bdf"))?;
+    write_bdf(&header, &signals, &annotations, &mut file)?;
+    Ok(file.flush()?)
+}
+
+/// The stretches without samples, which the file has as zeros; the last record is filled up so.
+fn missing(run: &Run<'_>) -> Vec<BdfAnnotation> {
+    let rate = f64::from(run.rate_hz());
+    let filled = run.rows().next_multiple_of(u64::from(run.rate_hz())) - run.rows();
+    let rows = run.indices().chain(std::iter::repeat_n(None, filled as usize));
+    let mut stretches: Vec<(u64, u64)> = Vec::new();
+    for (row, index) in (0u64..).zip(rows) {
+        match stretches.last_mut() {
+            _ if index.is_some() => {}
+            Some((begun, length)) if *begun + *length == row => *length += 1,
+            _ => stretches.push((row, 1)),
+        }
+    }
+    let note = |(begun, length): (u64, u64)| BdfAnnotation {
+        onset_s: begun as f64 / rate,
+        duration_s: length as f64 / rate,
+        text: if begun < run.rows() { "samples missing" } else { "after the end" }.to_owned(),
+    };
+    stretches.into_iter().map(note).collect()
+}

@@ -1,0 +1,240 @@
+//! One run of a protocol, as a recording has it.
+
+use std::collections::BTreeMap;
+use std::ops::Range;
+
+use anyhow::bail;
+use ipc_types::{Event, EventKind, Process};
+use recording::mcap_read::Recording;
+use recording::mcap_write::key;
+use rig::protocol::Protocol;
+
+use crate::ended_sessions::{EndedSession, ended_sessions};
+use crate::recorded_events::recorded_events;
+use crate::samples::Samples;
+use crate::volumes::volume_times;
+
+/// A stretch of a recording in which one protocol was run.
+#[derive(Clone, Debug)]
+pub(super) struct Stretch<'a> {
+    times_ns: Range<u64>,
+    pub(super) protocol: &'a str,
+    pub(super) protocol_text: &'a str,
+    pub(super) subject: &'a str,
+}
+
+/// The runs of a recording, in the order of time; the whole of one in which no protocol ran.
+///
+/// # Errors
+/// Those of reading.
+pub(super) fn stretches(recording: &Recording) -> anyhow::Result<Vec<Stretch<'_>>> {
+    let events = recorded_events(recording, 0..u64::MAX)?;
+    let begun_ns = |run: &BTreeMap<String, String>| {
+        run.get(key::TIME_NS).and_then(|at_ns| at_ns.parse::<u64>().ok())
+    };
+    let mut runs: Vec<_> = recording.runs().filter_map(|run| Some((begun_ns(run)?, run))).collect();
+    runs.sort_by_key(|(at_ns, _)| *at_ns);
+    // The parts of a merged recording tell of the same run.
+    runs.dedup_by_key(|(at_ns, _)| *at_ns);
+    let ends = runs.iter().skip(1).map(|(at_ns, _)| *at_ns).chain([u64::MAX]);
+    let mut found = Vec::new();
+    for ((begun_ns, run), next_ns) in runs.iter().zip(ends) {
+        let within = || events.iter().filter(|event| (*begun_ns..next_ns).contains(&event.time_ns));
+        // A protocol that was refused has no segment.
+        if !within().any(|event| segment_begun(event).is_some()) {
+            continue;
+        }
+        let is_end = |event: &&Event| {
+            matches!(
+                EventKind::from_code(event.kind),
+                Some(EventKind::ProtocolDone | EventKind::ProtocolStopped)
+            )
+        };
+        let end_ns = within().rfind(is_end).map_or(next_ns, |event| event.time_ns + 1);
+        let of = |name| run.get(name).map_or_else(|| start(recording, name), String::as_str);
+        found.push(Stretch {
+            times_ns: *begun_ns..end_ns,
+            protocol: of(key::PROTOCOL),
+            protocol_text: of(key::PROTOCOL_FILE),
+            subject: of(key::SUBJECT),
+        });
+    }
+    if found.is_empty() {
+        found.push(Stretch {
+            times_ns: 0..u64::MAX,
+            protocol: "recording",
+            protocol_text: "",
+            subject: start(recording, key::SUBJECT),
+        });
+    }
+    Ok(found)
+}
+
+fn start<'a>(recording: &'a Recording, name: &str) -> &'a str {
+    recording.metadata(name).unwrap_or_default()
+}
+
+/// The index of the segment that begins, or goes on, with an event.
+pub(super) fn segment_begun(event: &Event) -> Option<u32> {
+    let kind = EventKind::from_code(event.kind)?;
+    let begins = matches!(kind, EventKind::SegmentStarted | EventKind::ProtocolResumed);
+    (begins && event.source == Process::Experiment.code()).then_some(event.segment)
+}
+
+/// A run with all that its files are made of.
+pub(super) struct Run<'a> {
+    pub(super) recording: &'a Recording,
+    pub(super) protocol: &'a str,
+    pub(super) protocol_text: &'a str,
+    /// What the protocol says of itself.
+    pub(super) description: String,
+    pub(super) samples: Samples,
+    pub(super) events: Vec<Event>,
+    pub(super) sessions: Vec<EndedSession>,
+    /// The kind of each segment that was to be played; empty where the protocol cannot be read.
+    pub(super) segment_kinds: Vec<&'static str>,
+    /// When the volumes of the scan began, from the first stored one on (ns, CLOCK_MONOTONIC).
+    pub(super) volumes: Vec<u64>,
+    /// Whether there was a scan.
+    pub(super) scan: bool,
+    /// Instant from which the onsets are counted (ns, CLOCK_MONOTONIC).
+    pub(super) zero_ns: u64,
+    /// When the sample of the first row was taken, on an even grid (ns, CLOCK_MONOTONIC).
+    pub(super) first_ns: u64,
+    /// When the run ended (ns, CLOCK_MONOTONIC).
+    pub(super) ended_ns: u64,
+    first_tick: u64,
+}
+
+impl<'a> Run<'a> {
+    /// `first_volume` is the number of the first volume that the scanner stored, from 0.
+    ///
+    /// # Errors
+    /// Where the stretch has no samples, or that volume was not counted.
+    pub(super) fn read(
+        recording: &'a Recording,
+        stretch: &Stretch<'a>,
+        first_volume: Option<u64>,
+    ) -> anyhow::Result<Self> {
+        let samples = Samples::read(recording, stretch.times_ns.clone())?;
+        let (Some(&first_tick), Some(&last_ns)) = (samples.ticks.first(), samples.times_ns.last())
+        else {
+            bail!(
+                "{}: no samples of {} were recorded",
+                recording.path().display(),
+                stretch.protocol
+            );
+        };
+        let scan = volume_times(recording, &stretch.times_ns)?;
+        let first_ns = even_grid(&samples, first_tick);
+        let wanted = first_volume.unwrap_or(0);
+        let volumes: Vec<u64> =
+            scan.iter().filter(|(number, _)| *number >= wanted).map(|(_, at_ns)| *at_ns).collect();
+        let stored = scan.iter().find(|(number, _)| *number == wanted);
+        let zero_ns = match (stored, first_volume) {
+            (Some((_, at_ns)), _) => *at_ns,
+            (None, None) if scan.is_empty() => first_ns,
+            (None, _) => bail!(
+                "{}: volume {wanted} was not counted in {} ({} volumes were): see --first-volume",
+                recording.path().display(),
+                stretch.protocol,
+                scan.len()
+            ),
+        };
+        let all = ended_sessions(recording)?.into_iter();
+        // Only one that this version does not accept.
+        let protocol = Protocol::parse(stretch.protocol_text, "protocol").ok();
+        let segment_kinds =
+            protocol.as_ref().map_or_else(Vec::new, |protocol| segment_kinds(protocol, &samples));
+        Ok(Self {
+            recording,
+            protocol: stretch.protocol,
+            protocol_text: stretch.protocol_text,
+            description: protocol.map_or_else(String::new, |protocol| protocol.description),
+            events: recorded_events(recording, stretch.times_ns.clone())?,
+            sessions: all
+                .filter(|session| stretch.times_ns.contains(&session.result.begun_ns))
+                .collect(),
+            segment_kinds,
+            scan: !scan.is_empty(),
+            volumes,
+            zero_ns,
+            first_ns,
+            // Where the protocol's end was not recorded, the last sample.
+            ended_ns: match stretch.times_ns.end {
+                u64::MAX => last_ns + 1,
+                end_ns => end_ns,
+            },
+            first_tick,
+            samples,
+        })
+    }
+
+    /// Sampling rate (Hz).
+    pub(super) const fn rate_hz(&self) -> u32 {
+        self.samples.rig.rates.acquisition_hz
+    }
+
+    /// Samples from the first to the last, with those that are missing.
+    pub(super) fn rows(&self) -> u64 {
+        self.samples.ticks.last().map_or(0, |last| last - self.first_tick + 1)
+    }
+
+    /// Samples that are missing.
+    pub(super) fn missing(&self) -> u64 {
+        self.rows() - self.samples.ticks.len() as u64
+    }
+
+    /// For each row of an even table the index of its sample; `None` where it is missing.
+    pub(super) fn indices(&self) -> impl Iterator<Item = Option<usize>> {
+        let mut next = 0;
+        (self.first_tick..).take(self.rows() as usize).map(move |tick| {
+            let found = self.samples.ticks.get(next) == Some(&tick);
+            next += usize::from(found);
+            found.then(|| next - 1)
+        })
+    }
+
+    /// When the sample of a row was to be taken (ns, CLOCK_MONOTONIC).
+    pub(super) fn time_of_row(&self, row: u64) -> u64 {
+        self.first_ns + (row as f64 * 1e9 / f64::from(self.rate_hz())).round() as u64
+    }
+
+    /// An instant in seconds since another.
+    pub(super) fn seconds(at_ns: u64, zero_ns: u64) -> f64 {
+        (i128::from(at_ns) - i128::from(zero_ns)) as f64 * 1e-9
+    }
+
+    /// An instant by the wall clock (ns since 1970).
+    pub(super) fn wall_clock_ns(&self, at_ns: u64) -> u64 {
+        let offset_ns = self.recording.realtime_offset_ns().unwrap_or(0);
+        at_ns.checked_add_signed(offset_ns).unwrap_or(0)
+    }
+
+    /// What wrote the recording.
+    pub(super) fn version(&self) -> &str {
+        start(self.recording, key::VERSION)
+    }
+}
+
+/// When the sample of the first tick was taken, by the median over all samples of how far each lies
+/// from an even grid.
+fn even_grid(samples: &Samples, first_tick: u64) -> u64 {
+    let period_ns = 1e9 / f64::from(samples.rig.rates.acquisition_hz);
+    let Some(&first_ns) = samples.times_ns.first() else { return 0 };
+    let mut offsets: Vec<f64> = samples
+        .ticks
+        .iter()
+        .zip(&samples.times_ns)
+        .map(|(tick, at_ns)| (at_ns - first_ns) as f64 - (tick - first_tick) as f64 * period_ns)
+        .collect();
+    let middle = offsets.len() / 2;
+    let (_, median, _) = offsets.select_nth_unstable_by(middle, f64::total_cmp);
+    first_ns.saturating_add_signed(median.round() as i64)
+}
+
+/// The kinds of a protocol's segments, in the order of playing.
+fn segment_kinds(protocol: &Protocol, samples: &Samples) -> Vec<&'static str> {
+    let segments = protocol.segments_on(&samples.rig);
+    protocol.sequence_of(&segments).map(|(_, segment)| segment.movement.kind()).collect()
+}
