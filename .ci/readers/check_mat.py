@@ -2,6 +2,7 @@
 
     check_mat.py FILE.mat EXPECTED.jsonl [--ascii]
 
+The filtered electrodes are compared with those of scipy's filters, away from both ends.
 EXPECTED has the messages of the recording, as `farreach rec cat --json` prints them. Time,
 positions, torque, motor volts and every input of the card are compared bit by bit, for each sample.
 `--ascii`: the file went through a program that keeps ASCII characters alone, such as Octave.
@@ -11,7 +12,9 @@ Exit code 1 and the first differences on stderr if anything differs.
 import json
 import sys
 
+import numpy
 from scipy.io import loadmat
+from scipy.signal import butter, iirnotch, sosfiltfilt, tf2sos
 
 SHOWN = 10
 NOT_FINITE = {"NaN": float("nan"), "inf": float("inf"), "-inf": float("-inf")}
@@ -23,6 +26,27 @@ def number(value):
 
 def equal(one, other):
     return one == other or one != one and other != other
+
+
+def against_scipy(mat, names):
+    """The filters of the rig file: 10 to 400 Hz, a notch at 50 Hz, an envelope of 5 Hz."""
+    rate = 2000.0
+    band = numpy.vstack([
+        butter(4, 10.0, "highpass", fs=rate, output="sos"),
+        butter(4, 400.0, "lowpass", fs=rate, output="sos"),
+        tf2sos(*iirnotch(50.0, 30.0, fs=rate)),
+    ])
+    smooth = butter(2, 5.0, "lowpass", fs=rate, output="sos")
+    for at, name in enumerate(mat["emg"].names):
+        raw = mat["output"][:, names.index(str(name))]
+        raw = numpy.where(numpy.isfinite(raw), raw, 0.0)
+        filtered = sosfiltfilt(band, raw, padlen=1200)
+        envelope = sosfiltfilt(smooth, numpy.abs(filtered), padlen=1200)
+        middle = slice(len(raw) // 4, 3 * len(raw) // 4)
+        for what, wanted in (("filtered", filtered), ("envelope", envelope)):
+            found = getattr(mat["emg"], what)[middle, at]
+            error = numpy.sqrt(numpy.nanmean((found - wanted[middle]) ** 2))
+            yield f"{what} {name}", error / numpy.sqrt(numpy.mean(wanted[middle] ** 2))
 
 
 def main(mat_file, expected, ascii_only=None):
@@ -65,6 +89,8 @@ def main(mat_file, expected, ascii_only=None):
             field, at, present = fields[name]
             wanted = number(sample[field][at]) if sample[present] >> at & 1 else float("nan")
             expect(f"{name} of row {row}", wanted, mat["output"][row, column])
+    for where, error in against_scipy(mat, names):
+        expect(f"{where} by scipy's filters", True, error < 0.002)
     for difference in differences[:SHOWN]:
         print(difference, file=sys.stderr)
     if differences:

@@ -2,16 +2,18 @@
 //!
 //! A [`Conditioner`] filters one electrode: band-pass, notch, rectification, envelope.
 //! [`zero_phase`] does the same for a whole recording, without delay. [`ArtefactTemplate`] takes
-//! the scanner's gradient artefact out before that. [`MuscleActivity`] does all of it for the
+//! the scanner's gradient artefact out before that, and [`without_artefact`] of a recording. [`MuscleActivity`] does all of it for the
 //! electrodes of a rig and returns the activity of agonists and antagonists. Nothing here reads a
-//! clock, and after construction nothing allocates but [`zero_phase`].
+//! clock, and after construction nothing allocates but what is for recordings.
 
 mod artefact_template;
 mod conditioner;
 mod muscle_activity;
+mod offline_artefact;
 mod zero_phase;
 
 pub use artefact_template::{ArtefactTemplate, LONGEST_REPETITION_S};
 pub use conditioner::{Activity, Conditioner, Conditioning, ConditioningError, HIGHEST_SHARE};
 pub use muscle_activity::{Electrode, Group, MuscleActivity};
+pub use offline_artefact::without_artefact;
 pub use zero_phase::zero_phase;

@@ -3,7 +3,9 @@
 
 use std::f64::consts::TAU;
 
-use emg::{ArtefactTemplate, Conditioner, Conditioning, Electrode, Group, MuscleActivity};
+use emg::{
+    ArtefactTemplate, Conditioner, Conditioning, Electrode, Group, MuscleActivity, without_artefact,
+};
 use ipc_types::ANALOG;
 use plant::sensors::{Emg, EmgParameters};
 
@@ -143,4 +145,51 @@ fn groups_are_means_over_their_electrodes() {
     assert!(found.iter().all(|value| value.is_nan()));
     let found = activity.update(&[0.0; ANALOG], None);
     assert!(found.iter().all(|value| value.is_finite()));
+}
+
+#[test]
+fn a_recording_is_cleaned_from_both_sides() {
+    // A minute before the scan, 20 volumes of a scanner whose clock is off, and a minute after it.
+    let period_s = REPETITION_S * (1.0 + 80e-6);
+    let (begun_s, ended_s) = (10.0, 10.0 + 20.0 * period_s);
+    let seconds = |k: usize| k as f64 / RATE_HZ + 0.00013;
+    let mut muscles = Emg::new(EmgParameters::default(), 1.0 / RATE_HZ, 7).unwrap();
+    let own: Vec<f64> = (0..120_000).map(|_| muscles.read(1.5)[0]).collect();
+    let in_volume: Vec<Option<(f64, f64)>> = (0..own.len())
+        .map(|k| {
+            let inside = (begun_s..ended_s).contains(&seconds(k));
+            inside.then(|| ((seconds(k) - begun_s).rem_euclid(period_s), period_s))
+        })
+        .collect();
+    let polluted: Vec<f64> = own
+        .iter()
+        .zip(&in_volume)
+        .map(|(own, place)| own + place.map_or(0.0, |(since_s, _)| artefact(since_s)))
+        .collect();
+    let clean = without_artefact(10, RATE_HZ, &polluted, &in_volume);
+    let rms = |values: &mut dyn Iterator<Item = f64>| {
+        let (sum, count) =
+            values.fold((0.0, 0.0), |(sum, n), value| (sum + value * value, n + 1.0));
+        f64::sqrt(sum / count)
+    };
+    let error = |from_s: f64, to_s: f64| {
+        let range = (from_s * RATE_HZ) as usize..(to_s * RATE_HZ) as usize;
+        rms(&mut range.map(|k| clean[k] - own[k]))
+    };
+    let signal = rms(&mut own.iter().copied());
+    let before: f64 = rms(&mut polluted[40_000..80_000].iter().zip(&own).map(|(a, b)| a - b));
+    assert!(before > 5.0 * signal, "{before} of {signal}");
+    // In the first volume, where nothing came before, as in the middle and in the last one.
+    for (from_s, to_s) in [(10.0, 12.0), (26.0, 34.0), (48.0, 49.9)] {
+        let left = error(from_s, to_s);
+        assert!(left < 0.45 * signal, "{left} of {signal} from {from_s} s");
+    }
+    // The middle has twice as many volumes: less of the muscles' noise is in their average.
+    assert!(error(26.0, 34.0) < 0.3 * signal, "{} of {signal}", error(26.0, 34.0));
+    assert_eq!(clean[..20_000], own[..20_000], "outside the scan nothing is changed");
+    assert_eq!(clean[101_000..], own[101_000..]);
+    let mut gap = polluted.clone();
+    gap[60_000] = f64::NAN;
+    let clean = without_artefact(10, RATE_HZ, &gap, &in_volume);
+    assert!(clean[60_000].is_nan() && clean[60_001].is_finite());
 }

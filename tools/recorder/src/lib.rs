@@ -58,6 +58,7 @@ mod export;
 mod inspect;
 mod mat;
 mod mat_file;
+mod muscles;
 mod names;
 mod output;
 mod recorded_events;

@@ -2,8 +2,8 @@
 //!
 //! As in the thesis, `time` is a column of seconds since the session began and `output` has a
 //! column for each signal. Beside them: `names` and `units` of the columns, `info` (who, what,
-//! when, how it ended, and the texts of rig and protocol), `events`, and `bar`, every update of the
-//! subject's bar.
+//! when, how it ended, and the texts of rig and protocol), `events`, `bar`, every update of the
+//! subject's bar, and `emg`, the electrodes filtered without delay.
 
 use std::collections::BTreeMap;
 use std::io::Write;
@@ -18,6 +18,7 @@ use crate::DATA_LOST;
 use crate::all_parts::AllParts;
 use crate::ended_sessions::{EndedSession, bar_updates, ended_sessions};
 use crate::mat_file::{Value, encode};
+use crate::muscles::{Muscles, muscles};
 use crate::output::{none_exists, write_new};
 use crate::recorded_events::recorded_events;
 use crate::samples::Samples;
@@ -166,6 +167,7 @@ fn write(
     data: Samples,
     path: &Path,
 ) -> anyhow::Result<()> {
+    let muscles = muscles(recording, &data)?;
     let Samples { rig, signals, times_ns, columns, .. } = data;
     let Some(first_ns) = times_ns.first().copied() else {
         bail!("{}: no samples for {}", recording.path().display(), path.display());
@@ -183,6 +185,7 @@ fn write(
         ("info", info(recording, stretch, rig.rates.acquisition_hz, begun_ns)),
         ("events", events(recording, stretch, seconds)?),
         ("bar", bar(recording, stretch, seconds)?),
+        ("emg", emg(muscles, samples)),
     ];
     let version = recording.metadata(key::VERSION).unwrap_or("?");
     let description = format!("MATLAB 5.0 MAT-file, written by farreach {version}");
@@ -277,4 +280,16 @@ fn bar(
         ("target", of(|shown| &shown.target)),
         ("height", of(|shown| &shown.height)),
     ]))
+}
+
+/// The electrodes, as the rig file has them filtered, without delay; a column for each.
+fn emg(muscles: Muscles, samples: usize) -> Value {
+    Value::Structure(vec![
+        ("names", Value::texts(muscles.names)),
+        ("units", Value::texts(muscles.units)),
+        ("muscles", Value::texts(muscles.muscles)),
+        ("groups", Value::texts(muscles.groups)),
+        ("filtered", Value::Matrix(samples, muscles.filtered)),
+        ("envelope", Value::Matrix(samples, muscles.envelope)),
+    ])
 }

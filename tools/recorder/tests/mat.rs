@@ -20,6 +20,11 @@ use mat_reader::{Value, read};
 const TICK_NS: u64 = 500_000;
 const RIG: &str = include_str!("../../../launch/rigs/hydrostatic.toml");
 
+/// The signal of the second electrode: 100 Hz.
+fn muscle(tick: u64) -> f64 {
+    (std::f64::consts::TAU * tick as f64 / 20.0).sin()
+}
+
 fn sample(tick: u64) -> Sample {
     let mut sample = Sample {
         tick,
@@ -35,6 +40,7 @@ fn sample(tick: u64) -> Sample {
     sample.master_position[0] = tick as f64 * 1e-3;
     sample.slave_torque[0] = -0.25;
     sample.analog_v[1] = 0.5 + tick as f64;
+    sample.analog_v[2] = 3.0 + muscle(tick);
     sample.stamp(11, 22, tick, tick * TICK_NS + 80_000);
     sample
 }
@@ -154,6 +160,17 @@ fn each_session_has_a_file_with_every_signal() {
     assert_eq!(bar.at("time").numbers(), [0.5, 1.0]);
     assert_eq!(bar.at("height").numbers(), [5.0, 10.0]);
     assert_eq!(bar.at("value").size(), [2, 1]);
+    let emg = mat.at("emg");
+    assert_eq!(emg.at("names").texts()[1], "emg_2");
+    assert_eq!(emg.at("groups").texts()[0], "agonist");
+    assert_eq!([emg.at("filtered").size(), emg.at("envelope").size()], [[2000, 6]; 2]);
+    // Of the second electrode the offset is gone, and 100 Hz pass without delay.
+    for at in 200..1800 {
+        let error = emg.at("filtered").numbers()[2000 + at] - muscle(4000 + at as u64);
+        assert!(error.abs() < 0.05, "{error} at {at}");
+        let envelope = emg.at("envelope").numbers()[2000 + at] - 2.0 / std::f64::consts::PI;
+        assert!(envelope.abs() < 0.05, "{envelope} at {at}");
+    }
     assert_eq!(mat.at("events").at("a").numbers(), [2.0]);
     assert_eq!(mat.at("events").at("kind").texts(), ["segment started"]);
 }
