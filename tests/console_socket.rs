@@ -14,6 +14,7 @@ use tokio_tungstenite::tungstenite::{Error, Message};
 use tokio_tungstenite::{MaybeTlsStream, WebSocketStream, connect_async};
 
 use common::TestRig;
+use common::mutated::Numbers;
 
 const MESSAGES: usize = 10_000;
 /// Below what a page may send at once.
@@ -60,16 +61,6 @@ async fn ask(socket: &mut Socket, id: u64, request: &str) -> Value {
     socket.send(Message::text(text)).await.unwrap();
     let answer = next(socket, |value| value["type"] == "answer" && value["id"] == id).await;
     answer.expect("closed")["answer"].clone()
-}
-
-/// Numbers that look random and are the same each time (a linear congruential generator).
-struct Numbers(u64);
-
-impl Numbers {
-    fn below(&mut self, bound: usize) -> usize {
-        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
-        (self.0 >> 33) as usize % bound
-    }
 }
 
 /// A message as a broken or hostile page may send it.

@@ -7,6 +7,7 @@
 
 pub mod host;
 pub mod monitor;
+pub mod mutated;
 pub mod playing;
 
 use std::fs::{File, OpenOptions};

@@ -2,9 +2,10 @@
 //!
 //! A [`Conditioner`] filters one electrode: band-pass, notch, rectification, envelope.
 //! [`zero_phase`] does the same for a whole recording, without delay. [`ArtefactTemplate`] takes
-//! the scanner's gradient artefact out before that, and [`without_artefact`] of a recording. [`MuscleActivity`] does all of it for the
-//! electrodes of a rig and returns the activity of agonists and antagonists. Nothing here reads a
-//! clock, and after construction nothing allocates but what is for recordings.
+//! the scanner's gradient artefact out before that, and [`without_artefact`] out of a recording.
+//! [`MuscleActivity`] does all of it for the electrodes of a rig and returns the activity of
+//! agonists and antagonists. Nothing here reads a clock, and after construction nothing allocates
+//! but what is for recordings.
 
 mod artefact_template;
 mod conditioner;

@@ -2,9 +2,9 @@
 
 use crate::artefact_template::ArtefactTemplate;
 
-/// A signal without what repeats with every volume: an average of the volumes before each and one of
-/// those after it, half of each subtracted. Where one of them is not ready, at the edges of a scan,
-/// the other is subtracted alone.
+/// A signal without what repeats with every volume: half of an average over the volumes before each
+/// is subtracted, and half of one over those after it. Where one of them is not ready, at the edges
+/// of a scan, the other is subtracted alone.
 ///
 /// `volumes` is how many are averaged on each side, `rate_hz` the sampling rate. `in_volume` has
 /// for each value the time since its volume began and that volume's repetition time (s); `None`

@@ -101,7 +101,7 @@ fn places_in_volumes(
                 (None, None) => return None,
             };
         let since_ns = at_ns - begun_ns;
-        (since_ns < length_ns).then(|| (since_ns as f64 * 1e-9, length_ns as f64 * 1e-9))
+        (since_ns < length_ns).then_some((since_ns as f64 * 1e-9, length_ns as f64 * 1e-9))
     };
     Ok(samples.times_ns.iter().map(place).collect())
 }
