@@ -2,7 +2,7 @@
 //!
 //! A [`Conditioner`] filters one electrode: band-pass, notch, rectification, envelope.
 //! [`zero_phase`] does the same for a whole recording, without delay. [`ArtefactTemplate`] takes
-//! the scanner's gradient artefact out before that, and [`without_artefact`] out of a recording.
+//! the scanner's gradient artefact out before that; [`offline_artefact`] finds that of a recording.
 //! [`MuscleActivity`] does all of it for the electrodes of a rig and returns the activity of
 //! agonists and antagonists. Nothing here reads a clock, and after construction nothing allocates
 //! but what is for recordings.
@@ -16,5 +16,5 @@ mod zero_phase;
 pub use artefact_template::{ArtefactTemplate, LONGEST_REPETITION_S};
 pub use conditioner::{Activity, Conditioner, Conditioning, ConditioningError, HIGHEST_SHARE};
 pub use muscle_activity::{Electrode, Group, MuscleActivity};
-pub use offline_artefact::without_artefact;
+pub use offline_artefact::{InVolume, offline_artefact};
 pub use zero_phase::zero_phase;

@@ -4,7 +4,8 @@
 use std::f64::consts::TAU;
 
 use emg::{
-    ArtefactTemplate, Conditioner, Conditioning, Electrode, Group, MuscleActivity, without_artefact,
+    ArtefactTemplate, Conditioner, Conditioning, Electrode, Group, InVolume, MuscleActivity,
+    offline_artefact,
 };
 use ipc_types::ANALOG;
 use plant::sensors::{Emg, EmgParameters};
@@ -147,49 +148,61 @@ fn groups_are_means_over_their_electrodes() {
     assert!(found.iter().all(|value| value.is_finite()));
 }
 
+/// Rms of some values.
+fn rms(values: impl Iterator<Item = f64>) -> f64 {
+    let (sum, count) = values.fold((0.0, 0.0), |(sum, n), value| (sum + value * value, n + 1.0));
+    f64::sqrt(sum / count)
+}
+
 #[test]
 fn a_recording_is_cleaned_from_both_sides() {
-    // A minute before the scan, 20 volumes of a scanner whose clock is off, and a minute after it.
+    // Ten seconds before the scan, 20 volumes of a scanner whose clock is off and whose pulses
+    // jitter, and ten seconds after it.
     let period_s = REPETITION_S * (1.0 + 80e-6);
-    let (begun_s, ended_s) = (10.0, 10.0 + 20.0 * period_s);
     let seconds = |k: usize| k as f64 / RATE_HZ + 0.00013;
+    let begin_s = |volume: usize| 10.0 + volume as f64 * period_s;
+    // Pulses are seen up to 0.02 ms late, where the artefact itself is regular.
+    let seen_s = |volume: usize| begin_s(volume) + 2e-5 * (volume * 7 % 10) as f64 / 10.0;
     let mut muscles = Emg::new(EmgParameters::default(), 1.0 / RATE_HZ, 7).unwrap();
     let own: Vec<f64> = (0..120_000).map(|_| muscles.read(1.5)[0]).collect();
-    let in_volume: Vec<Option<(f64, f64)>> = (0..own.len())
+    let polluted: Vec<f64> = (0..own.len())
         .map(|k| {
-            let inside = (begun_s..ended_s).contains(&seconds(k));
-            inside.then(|| ((seconds(k) - begun_s).rem_euclid(period_s), period_s))
+            let inside = (begin_s(0)..begin_s(20)).contains(&seconds(k));
+            let since_s = (seconds(k) - begin_s(0)).rem_euclid(period_s);
+            own[k] + if inside { artefact(since_s) } else { 0.0 }
         })
         .collect();
-    let polluted: Vec<f64> = own
-        .iter()
-        .zip(&in_volume)
-        .map(|(own, place)| own + place.map_or(0.0, |(since_s, _)| artefact(since_s)))
+    let places: Vec<Option<InVolume>> = (0..own.len())
+        .map(|k| {
+            let volume = (0..20).rev().find(|volume| seen_s(*volume) <= seconds(k))?;
+            let since_s = seconds(k) - seen_s(volume);
+            let until_s = seen_s(volume + 1) - seconds(k);
+            (until_s > 0.0).then_some(InVolume { since_s, until_s })
+        })
         .collect();
-    let clean = without_artefact(10, RATE_HZ, &polluted, &in_volume);
-    let rms = |values: &mut dyn Iterator<Item = f64>| {
-        let (sum, count) =
-            values.fold((0.0, 0.0), |(sum, n), value| (sum + value * value, n + 1.0));
-        f64::sqrt(sum / count)
+    let clean = |values: &[f64]| -> Vec<f64> {
+        let found = offline_artefact(10, RATE_HZ, period_s, values, &places);
+        values.iter().zip(found).map(|(value, own)| value - own.unwrap_or(0.0)).collect()
     };
+    let cleaned = clean(&polluted);
     let error = |from_s: f64, to_s: f64| {
         let range = (from_s * RATE_HZ) as usize..(to_s * RATE_HZ) as usize;
-        rms(&mut range.map(|k| clean[k] - own[k]))
+        rms(range.map(|k| cleaned[k] - own[k]))
     };
-    let signal = rms(&mut own.iter().copied());
-    let before: f64 = rms(&mut polluted[40_000..80_000].iter().zip(&own).map(|(a, b)| a - b));
+    let signal = rms(own.iter().copied());
+    let before = rms(polluted[40_000..80_000].iter().zip(&own[40_000..]).map(|(a, b)| a - b));
     assert!(before > 5.0 * signal, "{before} of {signal}");
     // In the first volume, where nothing came before, as in the middle and in the last one.
-    for (from_s, to_s) in [(10.0, 12.0), (26.0, 34.0), (48.0, 49.9)] {
+    for (from_s, to_s) in [(10.001, 12.0), (26.0, 34.0), (48.0, 49.9)] {
         let left = error(from_s, to_s);
-        assert!(left < 0.45 * signal, "{left} of {signal} from {from_s} s");
+        assert!(left < 0.5 * signal, "{left} of {signal} from {from_s} s");
     }
     // The middle has twice as many volumes: less of the muscles' noise is in their average.
-    assert!(error(26.0, 34.0) < 0.3 * signal, "{} of {signal}", error(26.0, 34.0));
-    assert_eq!(clean[..20_000], own[..20_000], "outside the scan nothing is changed");
-    assert_eq!(clean[101_000..], own[101_000..]);
+    assert!(error(26.0, 34.0) < 0.35 * signal, "{} of {signal}", error(26.0, 34.0));
+    assert_eq!(cleaned[..20_000], own[..20_000], "outside the scan nothing is changed");
+    assert_eq!(cleaned[101_000..], own[101_000..]);
     let mut gap = polluted.clone();
     gap[60_000] = f64::NAN;
-    let clean = without_artefact(10, RATE_HZ, &gap, &in_volume);
-    assert!(clean[60_000].is_nan() && clean[60_001].is_finite());
+    let found = clean(&gap);
+    assert!(found[60_000].is_nan() && found[60_001].is_finite());
 }

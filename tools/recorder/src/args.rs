@@ -4,6 +4,8 @@ use std::path::PathBuf;
 
 use clap::{Args, Subcommand, ValueEnum};
 
+use crate::bids::FirstRun;
+
 /// Recordings on and off, and what to do with the files.
 #[derive(Clone, Debug, Subcommand)]
 pub enum Command {
@@ -188,9 +190,10 @@ pub struct BidsOptions {
     /// Task; the name of the protocol, if left out (bids).
     #[arg(long, value_name = "LABEL")]
     pub task: Option<String>,
-    /// Number of the first run of a task; 1, if left out (bids).
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000))]
-    pub run: Option<u32>,
+    /// Number of the first run of a task, as in the names of its images: 2, 02, or `none` where
+    /// they have no run; 1, if left out (bids).
+    #[arg(long, value_name = "N")]
+    pub run: Option<FirstRun>,
     /// Number of the first volume that the scanner stored, from 0: its beginning is onset 0; 0, if
     /// left out (bids).
     #[arg(long, value_name = "N")]

@@ -139,8 +139,23 @@ fn time_of(record: usize, fraction_s: f64) -> Vec<u8> {
     format!("{:+.9}\x14\x14\0", record as f64 + fraction_s).into_bytes()
 }
 
+/// A unit as the header can hold it.
+fn ascii_unit(unit: &str) -> String {
+    // The sign for micro, and the Greek letter.
+    unit.replace(['\u{b5}', '\u{3bc}'], "u").replace('·', ".")
+}
+
 /// The largest value of a signal, rounded up to what its eight characters hold with a sign.
 fn limit(signal: &BdfSignal<'_>) -> anyhow::Result<String> {
+    let unit = ascii_unit(signal.unit);
+    if !unit.chars().all(|c| c.is_ascii_graphic()) || unit.len() > 8 {
+        bail!(
+            "channel {}: a BDF file has units of at most eight ASCII characters, not \"{}\": \
+             change it in the rig file",
+            signal.label,
+            signal.unit
+        );
+    }
     let finite = signal.values.iter().filter(|value| value.is_finite());
     let largest = finite.fold(signal.range.abs(), |largest, value| largest.max(value.abs()));
     for decimals in (0..=5).rev() {
@@ -193,7 +208,7 @@ fn encode_header(
     };
     field(16, &|at| signals[at].label.to_owned(), "BDF Annotations");
     field(80, &|at| signals[at].transducer.to_owned(), "");
-    field(8, &|at| signals[at].unit.replace('µ', "u").replace('·', ""), "");
+    field(8, &|at| ascii_unit(signals[at].unit), "");
     field(LIMIT, &|at| format!("-{}", limits[at]), "-1");
     field(LIMIT, &|at| limits[at].clone(), "1");
     field(8, &|_| (-LARGEST).to_string(), "-8388608");

@@ -17,13 +17,15 @@ mod staged;
 use std::io::Write;
 use std::path::Path;
 
-use anyhow::bail;
+use anyhow::{Context, bail};
 use recording::mcap_read::Recording;
 
 use crate::DATA_LOST;
 use crate::args::BidsOptions;
-use names::{Names, label};
-use run::{Run, stretches};
+use crate::runs::{Stretch, stretches};
+pub use names::FirstRun;
+use names::{Names, RunLabels, label};
+use run::Run;
 use staged::Staged;
 
 /// Adds the runs of a recording to the dataset in `folder`, which is made where it is not there;
@@ -42,34 +44,60 @@ pub(crate) fn export(
     dataset::check(folder)?;
     let mut staged = Staged::new(folder)?;
     let mut code = crate::exit_code_of_tail(&recording);
-    let mut numbers = names::RunNumbers::from(options.run.unwrap_or(1));
+    let mut labels = RunLabels::from(options.run.as_ref());
     let mut told = Vec::new();
+    let mut left_out = Vec::new();
     for stretch in stretches(&recording)? {
-        let subject = match &options.subject {
-            Some(given) => label("--subject", given)?,
-            None => label("the recording's subject: give --subject", stretch.subject)?,
+        let names = names_of(&stretch, options, &mut labels)?;
+        // One run that cannot be read keeps no other from being exported.
+        let run = match Run::read(&recording, &stretch, options.first_volume) {
+            Ok(run) => run,
+            Err(error) => {
+                left_out.push(format!("{}: NOT exported: {error:#}", names.stem()));
+                continue;
+            }
         };
-        let task = match &options.task {
-            Some(given) => label("--task", given)?,
-            None => label("the protocol's name: give --task", stretch.protocol)?,
-        };
-        let session = options.session.as_deref().map(|given| label("--session", given));
-        let run = numbers.next(&task);
-        let names = Names { subject, session: session.transpose()?, task, run };
-        let run = Run::read(&recording, &stretch, options.first_volume)?;
         if run.missing() > 0 {
             code = DATA_LOST;
         }
-        told.push(write_run(&run, &names, &mut staged)?);
+        let line = write_run(&run, &names, &mut staged).with_context(|| names.stem())?;
+        told.push(line);
+        let code_of_subject = stretch.subject.trim();
+        if options.subject.is_none() && names.subject != code_of_subject {
+            told.push(format!("subject \"{code_of_subject}\" is sub-{} here", names.subject));
+        }
     }
     if told.is_empty() {
-        bail!("{}: it has no samples to export", file.display());
+        bail!("{}: nothing was exported: {}", file.display(), left_out.join("; "));
     }
     staged.publish()?;
-    for line in told {
+    if !left_out.is_empty() {
+        code = DATA_LOST;
+    }
+    for line in told.iter().chain(&left_out) {
         writeln!(out, "{}: {line}", folder.display())?;
     }
     Ok(code)
+}
+
+/// What the files of a run are called.
+fn names_of(
+    stretch: &Stretch<'_>,
+    options: &BidsOptions,
+    labels: &mut RunLabels,
+) -> anyhow::Result<Names> {
+    let subject = match (&options.subject, stretch.subject.trim()) {
+        (Some(given), _) => label("--subject", given)?,
+        (None, "") => bail!("the recording names no subject: give --subject"),
+        (None, recorded) => label("the recording's subject: give --subject", recorded)?,
+    };
+    let task = match &options.task {
+        Some(given) => label("--task", given)?,
+        None => label("the protocol's name: give --task", stretch.protocol)?,
+    };
+    let session = options.session.as_deref().map(|given| label("--session", given));
+    let run = labels.next(&task);
+    Ok(Names { subject, session: session.transpose()?, task, run })
 }
 
 /// Writes the files of a run; returns what is to be told of it.

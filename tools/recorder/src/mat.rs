@@ -167,7 +167,7 @@ fn write(
     data: Samples,
     path: &Path,
 ) -> anyhow::Result<()> {
-    let muscles = muscles(recording, &data)?;
+    let muscles = muscles(recording, &data, &(stretch.begun_ns..stretch.ended_ns))?;
     let Samples { rig, signals, times_ns, columns, .. } = data;
     let Some(first_ns) = times_ns.first().copied() else {
         bail!("{}: no samples for {}", recording.path().display(), path.display());
@@ -291,5 +291,6 @@ fn emg(muscles: Muscles, samples: usize) -> Value {
         ("groups", Value::texts(muscles.groups)),
         ("filtered", Value::Matrix(samples, muscles.filtered)),
         ("envelope", Value::Matrix(samples, muscles.envelope)),
+        ("artefact_suppressed", Value::column(muscles.suppressed)),
     ])
 }

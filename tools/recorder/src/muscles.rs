@@ -1,16 +1,24 @@
 //! The electrodes of a stretch of a recording, filtered without delay.
 
+use std::ops::Range;
+
 use anyhow::Context;
-use emg::{without_artefact, zero_phase};
+use emg::{InVolume, offline_artefact, zero_phase};
 use recording::mcap_read::Recording;
 use rig::{Channel, ChannelKind, RigFile};
+use scanner::{TimingLine, VolumeTime};
 
 use crate::samples::Samples;
 use crate::signals::Source;
 use crate::volumes::volume_times;
 
-/// Longest time by which a volume may have begun before the stretch (ns).
-const BEFORE_NS: u64 = (emg::LONGEST_REPETITION_S * 1e9) as u64;
+/// Volumes beyond those of the average that are read on each side of a stretch: the first one may
+/// not be whole, and three are needed for any.
+const MORE_VOLUMES: u32 = 4;
+/// Intervals between volumes that differ by more from the usual one are pauses, as a share.
+const REGULAR: f64 = 0.01;
+/// Pulses that lie farther from a regular scanner are not jitter: the scanner paused (s).
+const JITTER_S: f64 = 0.02;
 
 /// The muscles' signals; a column for each electrode.
 #[derive(Default)]
@@ -24,30 +32,52 @@ pub(crate) struct Muscles {
     pub(crate) filtered: Vec<Vec<f64>>,
     /// Envelopes of their magnitudes.
     pub(crate) envelope: Vec<Vec<f64>>,
+    /// For each electrode the share of the samples from which an artefact was subtracted.
+    pub(crate) suppressed: Vec<f64>,
 }
 
-/// Filters the electrodes as the rig file says; a sample that is missing or not finite is NaN, and
-/// in the filters the one before it.
+/// A scan about a stretch of samples.
+struct Scan {
+    repetition_s: f64,
+    places: Vec<Option<InVolume>>,
+}
+
+/// Filters the electrodes as the rig file says, in the samples that were taken in `times` (ns,
+/// CLOCK_MONOTONIC), and these alone are returned. A value that is not finite is NaN, and in the
+/// filters the one before it; a sample that is missing is left out.
 ///
 /// # Errors
-/// Where the volumes cannot be read, or a filter not be made.
-pub(crate) fn muscles(recording: &Recording, samples: &Samples) -> anyhow::Result<Muscles> {
+/// Where samples or volumes cannot be read, or a filter not be made.
+pub(crate) fn muscles(
+    recording: &Recording,
+    samples: &Samples,
+    times: &Range<u64>,
+) -> anyhow::Result<Muscles> {
     let how = &samples.rig.emg;
+    let scan = match how.artefact_volumes {
+        0 => None,
+        volumes => around(recording, samples, times, volumes + MORE_VOLUMES)?,
+    };
+    let (samples, scan) = match &scan {
+        Some((wide, scan)) => (wide, Some(scan)),
+        None => (samples, None),
+    };
+    let kept = samples.times_ns.partition_point(|at_ns| *at_ns < times.start)
+        ..samples.times_ns.partition_point(|at_ns| *at_ns < times.end);
     let rate_hz = f64::from(samples.rig.rates.acquisition_hz);
     let mut found = Muscles::default();
-    let electrodes = samples.signals.iter().zip(&samples.columns).filter_map(|(signal, column)| {
-        let Source::Analog(input, _) = signal.source else { return None };
-        Some((electrode(&samples.rig, input)?, column))
-    });
-    let mut in_volume = None;
-    for (channel, column) in electrodes {
+    for (signal, column) in samples.signals.iter().zip(&samples.columns) {
+        let Source::Analog(input, _) = signal.source else { continue };
+        let Some(channel) = electrode(&samples.rig, input) else { continue };
         let mut values = column.clone();
-        if how.artefact_volumes > 0 {
-            let places = match &mut in_volume {
-                Some(places) => places,
-                none => none.insert(places_in_volumes(recording, samples)?),
-            };
-            values = without_artefact(how.artefact_volumes, rate_hz, &values, places);
+        let mut suppressed = 0;
+        if let Some(Scan { repetition_s, places }) = scan {
+            let volumes = how.artefact_volumes;
+            let artefact = offline_artefact(volumes, rate_hz, *repetition_s, &values, places);
+            for (value, artefact) in values.iter_mut().zip(&artefact) {
+                *value -= artefact.unwrap_or(0.0);
+            }
+            suppressed = artefact[kept.clone()].iter().flatten().count();
         }
         let mut before = 0.0;
         for value in &mut values {
@@ -57,10 +87,11 @@ pub(crate) fn muscles(recording: &Recording, samples: &Samples) -> anyhow::Resul
             *value = before;
         }
         let activity = zero_phase(how, rate_hz, &values).context("[emg] of the rig file")?;
-        let kept = |value: f64, raw: &f64| if raw.is_finite() { value } else { f64::NAN };
-        let each = || activity.iter().zip(column);
-        found.filtered.push(each().map(|(a, raw)| kept(a.filtered, raw)).collect());
-        found.envelope.push(each().map(|(a, raw)| kept(a.envelope, raw)).collect());
+        let finite = |value: f64, raw: &f64| if raw.is_finite() { value } else { f64::NAN };
+        let each = || activity[kept.clone()].iter().zip(&column[kept.clone()]);
+        found.filtered.push(each().map(|(a, raw)| finite(a.filtered, raw)).collect());
+        found.envelope.push(each().map(|(a, raw)| finite(a.envelope, raw)).collect());
+        found.suppressed.push(suppressed as f64 / kept.len().max(1) as f64);
         found.names.push(channel.name.clone());
         found.units.push(channel.unit.clone());
         found.muscles.push(channel.muscle.clone());
@@ -78,30 +109,65 @@ fn electrode(rig: &RigFile, input: usize) -> Option<&Channel> {
     (channel.kind == ChannelKind::Emg).then_some(channel)
 }
 
-/// For each sample the time since its volume began, and to the next one (s); `None` outside a scan.
-fn places_in_volumes(
+/// The samples of a stretch and of so many volumes before and after it, with their places in the
+/// scan; `None` where there is no scan, or no electrode.
+fn around(
     recording: &Recording,
     samples: &Samples,
-) -> anyhow::Result<Vec<Option<(f64, f64)>>> {
-    let (first_ns, last_ns) = match samples.times_ns.as_slice() {
-        [first, .., last] => (*first, *last),
-        _ => return Ok(vec![None; samples.times_ns.len()]),
-    };
-    let around = first_ns.saturating_sub(BEFORE_NS)..last_ns.saturating_add(BEFORE_NS);
-    let volumes: Vec<u64> =
-        volume_times(recording, &around)?.into_iter().map(|(_, at_ns)| at_ns).collect();
+    times: &Range<u64>,
+    more: u32,
+) -> anyhow::Result<Option<(Samples, Scan)>> {
+    if samples.rig.channels.iter().all(|channel| channel.kind != ChannelKind::Emg) {
+        return Ok(None);
+    }
+    let widest_ns = (f64::from(more) * emg::LONGEST_REPETITION_S * 1e9) as u64;
+    let wide = |by_ns: u64| times.start.saturating_sub(by_ns)..times.end.saturating_add(by_ns);
+    let volumes = regular(
+        volume_times(recording, &wide(widest_ns))?.into_iter().map(|(_, at_ns)| at_ns).collect(),
+    );
+    let Some(repetition_s) = repetition_s(&volumes) else { return Ok(None) };
+    let margin_ns = (f64::from(more) * repetition_s * 1e9) as u64;
+    let wide = Samples::read(recording, wide(margin_ns))?;
     let place = |at_ns: &u64| {
         let next = volumes.partition_point(|volume| volume <= at_ns);
         let begun_ns = *volumes.get(next.checked_sub(1)?)?;
-        // The last volume is as long as the one before it.
-        let length_ns =
-            match (volumes.get(next), next.checked_sub(2).and_then(|at| volumes.get(at))) {
-                (Some(end_ns), _) => end_ns - begun_ns,
-                (None, Some(before_ns)) => begun_ns - before_ns,
-                (None, None) => return None,
-            };
-        let since_ns = at_ns - begun_ns;
-        (since_ns < length_ns).then_some((since_ns as f64 * 1e-9, length_ns as f64 * 1e-9))
+        let since_s = (at_ns - begun_ns) as f64 * 1e-9;
+        // After the last volume, and before a pause, one is as long as the others.
+        let length_s = volumes.get(next).map(|end_ns| (end_ns - begun_ns) as f64 * 1e-9);
+        let regular = |length_s: &f64| (length_s / repetition_s - 1.0).abs() < REGULAR;
+        let until_s = length_s.filter(regular).unwrap_or(repetition_s) - since_s;
+        (until_s > 0.0).then_some(InVolume { since_s, until_s })
     };
-    Ok(samples.times_ns.iter().map(place).collect())
+    let places = wide.times_ns.iter().map(place).collect();
+    Ok(Some((wide, Scan { repetition_s, places })))
+}
+
+/// The beginnings of volumes without the jitter of their pulses, where all of them lie along a line:
+/// the scanner's own clock is regular.
+fn regular(volumes: Vec<u64>) -> Vec<u64> {
+    let times: Vec<VolumeTime> =
+        volumes.iter().map(|at_ns| VolumeTime { at_ns: *at_ns, interpolated: false }).collect();
+    let Some(line) = TimingLine::through(&times) else { return volumes };
+    let off_s = |(at, time): (usize, &VolumeTime)| line.deviation_s(at, time);
+    if times.iter().enumerate().map(off_s).any(|off_s| off_s.abs() > JITTER_S) {
+        return volumes;
+    }
+    let begun = |(at, time): (usize, &VolumeTime)| {
+        time.at_ns.saturating_add_signed(-(1e9 * line.deviation_s(at, time)).round() as i64)
+    };
+    times.iter().enumerate().map(begun).collect()
+}
+
+/// The mean of the intervals between volumes that are as long as the usual one (s).
+fn repetition_s(volumes: &[u64]) -> Option<f64> {
+    let mut intervals: Vec<f64> =
+        volumes.windows(2).map(|pair| pair[1].saturating_sub(pair[0]) as f64 * 1e-9).collect();
+    let middle = intervals.len().checked_sub(1)? / 2;
+    let usual = *intervals.select_nth_unstable_by(middle, f64::total_cmp).1;
+    let regular = |interval: &&f64| (**interval / usual - 1.0).abs() < REGULAR;
+    let (sum, count) = intervals
+        .iter()
+        .filter(regular)
+        .fold((0.0, 0.0), |(sum, count), interval| (sum + interval, count + 1.0));
+    (count > 0.0).then(|| sum / count)
 }

@@ -7,10 +7,16 @@ use anyhow::{Context, bail};
 
 /// Refuses where one of the files to be written is there already, before any is written.
 pub(crate) fn none_exists(paths: &[&Path]) -> anyhow::Result<()> {
-    match paths.iter().find(|path| path.exists()) {
+    match paths.iter().find(|path| taken(path)) {
         Some(path) => bail!("{}: it is there already; files are never overwritten", path.display()),
         None => Ok(()),
     }
+}
+
+/// Whether there is anything of that name, and be it a link that leads nowhere: a file whose contents
+/// were not fetched.
+pub(crate) fn taken(path: &Path) -> bool {
+    path.symlink_metadata().is_ok()
 }
 
 /// Writes a file whole or not at all.

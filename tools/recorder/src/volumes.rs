@@ -5,7 +5,7 @@ use std::io::Write;
 use std::ops::Range;
 use std::path::Path;
 
-use anyhow::bail;
+use anyhow::{Context, bail};
 use ipc_types::{LineEvent, SCANNER, ScannerPulse, VOLUME, Volume, VolumeSource};
 use recording::mcap_read::Recording;
 use report::{Colour, Figure};
@@ -148,8 +148,10 @@ fn counted(recording: &Recording) -> anyhow::Result<Vec<Scan>> {
         };
     }
     let began_ns = recording.began_monotonic_ns();
-    let scan = |volumes: &BTreeMap<u64, Volume>| {
-        let newest = volumes.values().max_by_key(|volume| volume.time_ns)?;
+    let scan = |volumes: &BTreeMap<u64, Volume>| -> anyhow::Result<Option<Scan>> {
+        let Some(newest) = volumes.values().max_by_key(|volume| volume.time_ns) else {
+            return Ok(None);
+        };
         let counts = Counts {
             volumes: newest.volumes,
             missed: newest.missed,
@@ -157,10 +159,11 @@ fn counted(recording: &Recording) -> anyhow::Result<Vec<Scan>> {
             surplus: newest.surplus,
             restarts: newest.restarts,
         };
-        let (first, rows) = without_holes(volumes)?;
-        Some(Scan::new(newest.expected, counts, first, &rows, began_ns))
+        let (first, rows) = without_holes(volumes)
+            .with_context(|| format!("{}: topic volume", recording.path().display()))?;
+        Ok(Some(Scan::new(newest.expected, counts, first, &rows, began_ns)))
     };
-    Ok(scans.iter().filter_map(scan).collect())
+    scans.iter().filter_map(|volumes| scan(volumes).transpose()).collect()
 }
 
 /// Number and beginning (ns, CLOCK_MONOTONIC) of each volume that a protocol counted in `times`.
@@ -179,18 +182,25 @@ pub(crate) fn volume_times(
 
 /// The volumes from the first on, with its number: of many without a pulse in a row not each has a
 /// message.
-fn without_holes(volumes: &BTreeMap<u64, Volume>) -> Option<(u64, Vec<(u64, VolumeSource)>)> {
-    let first = *volumes.keys().next()?;
+fn without_holes(
+    volumes: &BTreeMap<u64, Volume>,
+) -> anyhow::Result<(u64, Vec<(u64, VolumeSource)>)> {
+    let first = volumes.keys().next().copied().unwrap_or(0);
     let mut rows: Vec<(u64, VolumeSource)> = Vec::with_capacity(volumes.len());
     for (index, volume) in volumes {
         let hole = index - first - rows.len() as u64;
         let before_ns = rows.last().map_or(volume.at_ns, |(at_ns, _)| *at_ns);
+        let (shortest_s, _) = REPETITION_S;
+        let possible = volume.at_ns.saturating_sub(before_ns) as f64 * 1e-9 / shortest_s;
+        if hole as f64 > possible {
+            bail!("volume {index}: {hole} volumes cannot lie between it and the one before it");
+        }
         let times = between(before_ns, volume.at_ns, hole);
         rows.extend(times.map(|at_ns| (at_ns, VolumeSource::Interpolated)));
         let source = VolumeSource::from_code(volume.source).unwrap_or(VolumeSource::Pulse);
         rows.push((volume.at_ns, source));
     }
-    Some((first, rows))
+    Ok((first, rows))
 }
 
 /// Whether a first volume is one that the scan has already.

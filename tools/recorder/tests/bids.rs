@@ -9,7 +9,7 @@ use std::path::Path;
 
 use common::experiment::{
     FIRST_TICK, FIRST_VOLUME_NS, MISSING, REPETITION_NS, SEGMENTS, TICK_NS, VOLUMES, performance,
-    sample, write,
+    sample, write, write_samples,
 };
 use common::{Folder, fails, rec};
 use recorder::{DATA_LOST, DONE};
@@ -92,7 +92,7 @@ fn onsets_are_counted_from_the_first_stored_volume() {
     let beat = events.iter().find(|row| row[2] == "beat").unwrap();
     assert!(same(&beat[8], 1.0 / 3.0));
     let note = events.iter().find(|row| row[2] == "note").unwrap();
-    assert_eq!(note[3], "sat up and slept, 5 µV", "no tab within a cell");
+    assert_eq!(note[3], "'sat up and slept, 5 µV", "no tab or quotation mark");
     let about = json(&folder, &format!("sub-S07/func/{STEM}_events.json"));
     assert!(about["trial_type"]["Levels"]["rhythm"].is_string(), "{about}");
 }
@@ -115,7 +115,8 @@ fn every_row_is_a_tick_and_every_value_the_recorded_one() {
     assert_eq!(physio.len(), RUN);
     assert_eq!([motion.len(), stim.len()], [physio.len(), physio.len()]);
     let start_s = about["StartTime"].as_f64().unwrap();
-    assert!((start_s - (first * TICK_NS) as f64 * 1e-9 + FIRST_VOLUME_NS as f64 * 1e-9) < 1e-9);
+    let expected_s = ((first * TICK_NS) as f64 - FIRST_VOLUME_NS as f64) * 1e-9;
+    assert!((start_s - expected_s).abs() < 1e-9, "{start_s}, expected {expected_s}");
     for (row, (physio, motion)) in physio.iter().zip(&motion).enumerate() {
         let tick = first + row as u64;
         if MISSING.contains(&(tick - FIRST_TICK)) {
@@ -193,6 +194,22 @@ fn electrodes_are_in_a_bdf_file() {
     for note in ["rhythm: session 1 of 4: rhythm", "samples missing", "after the end", "5 µV"] {
         assert!(text.contains(note), "{note}");
     }
+    // The events beside the data are counted from its first sample.
+    for events in [
+        format!("sub-S07/emg/{STEM}_events.tsv"),
+        "sub-S07/motion/sub-S07_task-forcematching_tracksys-encoders_run-1_events.tsv".to_owned(),
+    ] {
+        let rows = table(&folder, &events);
+        let begun: Vec<f64> = SEGMENTS
+            .iter()
+            .map(|(_, label, _)| rows.iter().find(|row| row[3] == *label).unwrap())
+            .map(|row| row[0].parse().unwrap())
+            .collect();
+        for (onset_s, (_, _, begun_ns)) in begun.iter().zip(SEGMENTS) {
+            let expected_s = (begun_ns as f64 - (FIRST * TICK_NS) as f64) * 1e-9;
+            assert!((onset_s - expected_s).abs() < 1e-9, "{events}: {onset_s}, {expected_s}");
+        }
+    }
     let channels = table(&folder, &format!("sub-S07/emg/{STEM}_channels.tsv"));
     assert_eq!(channels.len(), 8);
     assert_eq!(channels[7][..3].join(" "), "scanner_trigger TRIG V");
@@ -208,7 +225,9 @@ fn without_a_scan_onsets_are_counted_from_the_first_sample() {
     assert_eq!(events[1][..3].join(" "), "0.010000000 0.000000000 protocol_started");
     let about = json(&folder, &format!("{stem}_recording-handle_physio.json"));
     assert_eq!(about["StartTime"], 0.0);
-    assert!(refused(&folder, &["--first-volume", "2"]).contains("volume 2 was not counted"));
+    // An option for scans concerns no run without one.
+    let (_, text) = export(&folder, &["--run", "02", "--first-volume", "2"]);
+    assert!(text.contains("sub-S07_task-forcematching_run-02 (beh"), "{text}");
 }
 
 #[test]
@@ -222,6 +241,61 @@ fn dummy_volumes_are_skipped() {
     let last = physio.last().unwrap();
     assert_eq!(last[3], (VOLUMES - 3).to_string(), "stored volumes are numbered from 0");
     assert!(refused(&folder, &["--run", "2", "--first-volume", "9"]).contains("5 volumes were"));
+}
+
+#[test]
+fn a_dataset_that_cannot_be_completed_stays_as_it_was() {
+    let folder = recorded("S07", true);
+    let dataset = folder.path("study");
+    fs::create_dir_all(dataset.join("sub-S07/emg")).unwrap();
+    fs::write(dataset.join("dataset_description.json"), "{}").unwrap();
+    fs::write(dataset.join("README"), "ours").unwrap();
+    // A file whose contents were not fetched is there all the same.
+    let absent = dataset.join(format!("sub-S07/emg/{STEM}_emg.bdf"));
+    std::os::unix::fs::symlink("../../.git/annex/none", &absent).unwrap();
+    assert!(refused(&folder, &[]).contains("it is there already"));
+    fs::remove_file(&absent).unwrap();
+    // So is a table that is locked.
+    let participants = dataset.join("participants.tsv");
+    std::os::unix::fs::symlink(".git/annex/none", &participants).unwrap();
+    assert!(refused(&folder, &[]).contains("it is a link"));
+    fs::remove_file(&participants).unwrap();
+    fs::write(&participants, "age\n33\n").unwrap();
+    assert!(refused(&folder, &[]).contains("participant_id"));
+    let found: Vec<String> = contents(&dataset).into_iter().map(|(name, _)| name).collect();
+    assert_eq!(found.len(), 3, "{found:?}");
+    assert!(!dataset.join("sub-S07/func").exists(), "a folder is left");
+    // What a killed export left goes with the next one.
+    let left = dataset.join(".farreach-killed");
+    fs::create_dir(&left).unwrap();
+    fs::write(left.join("lock"), "").unwrap();
+    fs::write(&participants, "\u{feff}participant_id\n").unwrap();
+    export(&folder, &[]);
+    assert!(!left.exists());
+    assert!(!dataset.join("README.md").exists(), "it has a README");
+    assert_eq!(fs::read_to_string(participants).unwrap(), "\u{feff}participant_id\nsub-S07\n");
+}
+
+#[test]
+fn what_is_missing_at_an_edge_or_on_one_channel_is_told() {
+    // The first fifty samples of the run, and the last ten.
+    let folder = Folder::new();
+    let kept = |tick: &u64| !(FIRST..FIRST + 50).contains(tick) && !(9790..9800).contains(tick);
+    let samples = (1000..10_000u64).filter(kept).map(|tick| {
+        let mut sample = sample(tick);
+        if (3000..4000).contains(&tick) {
+            sample.analog_present &= !(1 << 2);
+        }
+        sample
+    });
+    write_samples(&folder.path("run.mcap"), "S07", true, samples);
+    let (code, text) = export(&folder, &[]);
+    assert_eq!(code, DATA_LOST);
+    // The sample after the end, of tick 9800, was taken late: it is not of this run.
+    assert!(text.contains("8560 samples, 60 MISSING"), "{text}");
+    let bdf = folder.path("study").join(format!("sub-S07/emg/{STEM}_emg.bdf"));
+    let bytes = fs::read(bdf).unwrap();
+    assert!(String::from_utf8_lossy(&bytes).contains("emg_2 not read"));
 }
 
 /// Every file of a folder, with its contents.
@@ -295,6 +369,11 @@ fn what_has_no_label_or_no_dataset_is_refused() {
     assert!(error.contains("dataset_description.json"), "{error}");
     let (code, _) = export(&folder, &["--subject", "S1"]);
     assert_ne!(code, DONE);
+    // A subject's code that became another label is told.
+    let hyphen = recorded("S-9", true);
+    let (_, text) = export(&hyphen, &["--run", "none"]);
+    assert!(text.contains("subject \"S-9\" is sub-S9 here"), "{text}");
+    assert!(text.contains("sub-S9_task-forcematching (func"), "{text}");
     let left: Vec<_> = fs::read_dir(folder.path("")).unwrap().collect();
     assert_eq!(left.len(), 3, "no temporary folder is left: {left:?}");
 }

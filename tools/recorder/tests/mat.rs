@@ -9,7 +9,7 @@ use std::path::Path;
 
 use ipc_types::{
     Event, EventKind, Light, Message, PERFORMANCE, Performance, Process, SAMPLE, SESSION, Sample,
-    SessionOutcome, SessionResult, Severity, event_topic,
+    SessionOutcome, SessionResult, Severity, VOLUME, Volume, event_topic,
 };
 use recorder::{DONE, WantedSession};
 use recording::mcap_write::{Start, Writer, key};
@@ -231,4 +231,72 @@ fn one_session_at_a_time_as_soon_as_it_is_there() {
     let written = recorder::write_session(&run, wanted(1, 0), &name).unwrap();
     assert_eq!(written, Some(folder.path("live1.mat")));
     assert!(recorder::write_session(&run, wanted(1, 0), &name).is_err(), "never overwritten");
+}
+
+/// The artefact of a scanner, 0.25 s after each volume's beginning: 200 Hz, ten times the muscle's.
+fn artefact(since_s: f64) -> f64 {
+    let burst = (-((since_s - 0.25) / 0.05).powi(2)).exp();
+    10.0 * burst * (std::f64::consts::TAU * 200.0 * since_s).sin()
+}
+
+#[test]
+fn the_scanners_artefact_is_taken_out_of_sessions_shorter_than_its_average() {
+    let folder = Folder::new();
+    let (path, period_s) = (folder.path("run.mcap"), 0.5 * (1.0 + 80e-6));
+    let rig = RIG.replace("artefact_volumes = 0", "artefact_volumes = 6");
+    assert_ne!(rig, RIG);
+    let start = Start::default().with(key::RIG_FILE, &rig);
+    let mut writer = Writer::create(&path, &start, 0).unwrap();
+    // A tone that does not repeat with the volumes.
+    let own = |tick: u64| (std::f64::consts::TAU * 97.3 * tick as f64 * 5e-4).sin();
+    let begin_s = |volume: u64| 0.01 + volume as f64 * period_s;
+    for tick in 0..40_000 {
+        let mut polluted = sample(tick);
+        let since_s = (tick as f64 * 5e-4 - 0.01).rem_euclid(period_s);
+        polluted.analog_v[2] = 3.0 + own(tick) + artefact(since_s);
+        writer.write_message(&SAMPLE, &polluted).unwrap();
+    }
+    for index in 0..39 {
+        // The pulses jitter by a fifth of a millisecond.
+        let at_s = begin_s(index) + 2e-4 * (index * 7 % 10) as f64 / 10.0;
+        let mut volume = Volume {
+            index,
+            at_ns: (at_s * 1e9) as u64,
+            volumes: index + 1,
+            repetition_s: period_s,
+            ..Volume::default()
+        };
+        volume.stamp(11, 44, index, volume.at_ns + 1);
+        writer.write_message(&VOLUME, &volume).unwrap();
+    }
+    // A session of one second, less than the three volumes that an average needs.
+    let mut result = SessionResult {
+        begun_ns: 10_000_000_000,
+        ended_ns: 11_000_000_000,
+        planned_s: 1.0,
+        samples: 2000,
+        number: 1,
+        sessions: 1,
+        outcome: SessionOutcome::Whole.code(),
+        ..SessionResult::default()
+    };
+    result.stamp(11, 44, 0, result.ended_ns);
+    writer.write_message(&SESSION, &result).unwrap();
+    writer.finish(&[]).unwrap();
+    let (run, name) = (path.to_str().unwrap().to_owned(), folder.text("S"));
+    let (code, _) = rec(&["export", &run, "--to", "mat", "-o", &name]);
+    assert_eq!(code, DONE);
+    let mat = load(&folder, "S1.mat");
+    let emg = mat.at("emg");
+    assert_eq!(emg.at("filtered").size(), [2000, 6]);
+    assert_eq!(emg.at("artefact_suppressed").numbers(), [1.0; 6]);
+    let rms = |values: &dyn Fn(usize) -> f64| {
+        ((0..2000).map(|at| values(at).powi(2)).sum::<f64>() / 2000.0).sqrt()
+    };
+    let filtered = emg.at("filtered").numbers();
+    let raw = mat.at("output").numbers();
+    let column = mat.at("names").texts().iter().position(|name| name == "emg_2").unwrap();
+    let before = rms(&|at| raw[2000 * column + at] - 3.0 - own(20_000 + at as u64));
+    let after = rms(&|at| filtered[2000 + at] - own(20_000 + at as u64));
+    assert!(before > 2.0 && after < 0.1 * before, "{before} before, {after} after");
 }

@@ -16,6 +16,10 @@ use super::run::Run;
 use super::staged::Staged;
 use crate::signals::{Signal, Source};
 
+/// Keys of the sidecar, and columns of our own, that no channel's name may take.
+const RESERVED: [&str; 7] =
+    ["TaskName", "SamplingFrequency", "StartTime", "Columns", "PhysioType", "Farreach", "volume"];
+
 /// A column: its name, what it is, and its unit.
 struct Column {
     name: String,
@@ -37,6 +41,16 @@ pub(super) fn write(
         Source::Master(_) | Source::Slave(_) => false,
     });
     let mut columns: Vec<Column> = inputs.iter().map(|at| column_of(run, *at)).collect();
+    for at in 0..columns.len() {
+        let taken = |name: &str| {
+            RESERVED.contains(&name) || columns[..at].iter().any(|column| column.name == name)
+        };
+        let mut name = columns[at].name.clone();
+        while taken(&name) {
+            name.push_str("_input");
+        }
+        columns[at].name = name;
+    }
     if run.scan {
         columns.push(Column {
             name: "volume".to_owned(),

@@ -10,7 +10,7 @@ use super::names::Names;
 use super::run::Run;
 use super::staged::Staged;
 
-/// Version of BIDS: the first that has EMG.
+/// Version of BIDS; EMG came with 1.11.
 const BIDS_VERSION: &str = "1.11.1";
 const DESCRIPTION: &str = "dataset_description.json";
 const NOT_STATED: &str = "Not stated by the rig file: to be completed here";
@@ -37,7 +37,11 @@ pub(super) fn describe(run: &Run<'_>, names: &Names, staged: &mut Staged) -> any
         "GeneratedBy": [{"Name": "farreach", "Version": env!("CARGO_PKG_VERSION")}],
     });
     staged.default(DESCRIPTION, format!("{about:#}\n"));
-    staged.default("README.md", README.to_owned());
+    let entries = staged.root().read_dir().into_iter().flatten().flatten();
+    let mut present = entries.map(|entry| entry.file_name().to_string_lossy().into_owned());
+    if !present.any(|name| name.starts_with("README")) {
+        staged.default("README.md", README.to_owned());
+    }
     staged.row("participants.tsv", "participant_id", &format!("sub-{}", names.subject));
     Ok(())
 }
@@ -75,7 +79,8 @@ Written by `farreach rec export --to bids`. Each run of a protocol is a run here
   its first sample on.
 - `emg`: the electrodes as read, unfiltered, with the events from the first sample on.
 
-`StartTime` in the JSON beside each file is the time of its first sample after onset 0 (s). The
-texts of rig file and protocol are in `Farreach` of each `physio.json`. What the rig file does not
+`StartTime` in the JSON beside `physio`, `stim` and `emg` is the time of the first sample after
+onset 0 (s); `motion` begins with the same sample. Times of day, in `_scans.tsv` and in the BDF
+file, are UTC. The texts of rig file and protocol are in `Farreach` of each `physio.json`. What the rig file does not
 say of the electrodes is to be completed in `task-*_emg.json`.
 ";

@@ -73,10 +73,7 @@ fn label(channel: &Channel) -> String {
 }
 
 fn row(channel: &Channel) -> String {
-    let text = |text: &str| match text.replace(|c: char| c.is_control(), " ") {
-        empty if empty.trim().is_empty() => "n/a".to_owned(),
-        text => text,
-    };
+    let text = events::cell;
     let kind = if channel.kind == ChannelKind::Emg { "EMG" } else { "TRIG" };
     let group = match channel.group {
         Some(emg::Group::Agonist) => ", agonist",
@@ -124,6 +121,9 @@ fn write_signals(
         })
         .collect();
     annotations.extend(missing(run));
+    for (at, channel) in channels {
+        annotations.extend(not_read(run, *at, label(channel)));
+    }
     let header = BdfHeader {
         subject: &names.subject,
         equipment: "farreach",
@@ -137,21 +137,40 @@ fn write_signals(
 
 /// The stretches without samples, which the file has as zeros; the last record is filled up so.
 fn missing(run: &Run<'_>) -> Vec<BdfAnnotation> {
-    let rate = f64::from(run.rate_hz());
-    let filled = run.rows().next_multiple_of(u64::from(run.rate_hz())) - run.rows();
-    let rows = run.indices().chain(std::iter::repeat_n(None, filled as usize));
-    let mut stretches: Vec<(u64, u64)> = Vec::new();
-    for (row, index) in (0u64..).zip(rows) {
-        match stretches.last_mut() {
-            _ if index.is_some() => {}
+    let rate_hz = u64::from(run.rate_hz());
+    let filled = run.rows().next_multiple_of(rate_hz) - run.rows();
+    let mut notes = stretches(run, run.indices().map(|index| index.is_none()), "samples missing");
+    if filled > 0 {
+        notes.push(BdfAnnotation {
+            onset_s: run.rows() as f64 / rate_hz as f64,
+            duration_s: filled as f64 / rate_hz as f64,
+            text: "after the end".to_owned(),
+        });
+    }
+    notes
+}
+
+/// The stretches in which the card did not read a channel.
+fn not_read(run: &Run<'_>, at: usize, label: String) -> Vec<BdfAnnotation> {
+    let column = &run.samples.columns[at];
+    let absent = run.indices().map(|index| index.is_some_and(|index| !column[index].is_finite()));
+    stretches(run, absent, &format!("{label} not read"))
+}
+
+/// A note on each stretch of rows that have something.
+fn stretches(run: &Run<'_>, rows: impl Iterator<Item = bool>, text: &str) -> Vec<BdfAnnotation> {
+    let mut found: Vec<(u64, u64)> = Vec::new();
+    for (row, _) in (0u64..).zip(rows).filter(|(_, has)| *has) {
+        match found.last_mut() {
             Some((begun, length)) if *begun + *length == row => *length += 1,
-            _ => stretches.push((row, 1)),
+            _ => found.push((row, 1)),
         }
     }
+    let rate_hz = f64::from(run.rate_hz());
     let note = |(begun, length): (u64, u64)| BdfAnnotation {
-        onset_s: begun as f64 / rate,
-        duration_s: length as f64 / rate,
-        text: if begun < run.rows() { "samples missing" } else { "after the end" }.to_owned(),
+        onset_s: begun as f64 / rate_hz,
+        duration_s: length as f64 / rate_hz,
+        text: text.to_owned(),
     };
-    stretches.into_iter().map(note).collect()
+    found.into_iter().map(note).collect()
 }

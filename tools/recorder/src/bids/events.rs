@@ -6,9 +6,10 @@ use std::path::Path;
 use ipc_types::{Event, EventKind, SessionOutcome};
 use serde_json::{Map, Value, json};
 
-use super::run::{Run, segment_begun};
+use super::run::Run;
 use super::staged::Staged;
 use crate::ended_sessions::EndedSession;
+use crate::runs::segment_begun;
 
 /// A row of the table.
 struct Row<'a> {
@@ -55,7 +56,8 @@ fn rows<'a>(run: &'a Run<'_>) -> Vec<Row<'a>> {
             let middle_ns = session.result.begun_ns.midpoint(session.result.ended_ns);
             session.result.segment == *segment && (at_ns..until_ns).contains(&middle_ns)
         });
-        let what = kind.map_or_else(|| event.text().replace(' ', "_"), |kind| (*kind).to_owned());
+        let what =
+            kind.map_or_else(|| cell(event.text()).replace(' ', "_"), |kind| (*kind).to_owned());
         rows.push(Row { at_ns, until_ns, what, event, session });
     }
     for event in &run.events {
@@ -113,13 +115,12 @@ pub(super) fn write(
 }
 
 fn cells(row: &Row<'_>, groups: usize, zero_ns: u64) -> Vec<String> {
-    let text = row.event.text().replace(|c: char| c.is_control(), " ");
     let none = || "n/a".to_owned();
     let mut cells = vec![
         format!("{:.9}", Run::seconds(row.at_ns, zero_ns)),
         format!("{:.9}", Run::seconds(row.until_ns, row.at_ns)),
         row.what.clone(),
-        if text.trim().is_empty() { none() } else { text },
+        cell(row.event.text()),
     ];
     let result = row.session.map(|session| &session.result);
     let outcome = |code: u8| SessionOutcome::from_code(code).map_or("unknown", |o| o.text());
@@ -134,6 +135,15 @@ fn cells(row: &Row<'_>, groups: usize, zero_ns: u64) -> Vec<String> {
     }
     cells.extend([row.event.a, row.event.b, row.event.c].map(number));
     cells
+}
+
+/// A text as a cell: no tab, and no quotation mark, which readers of tables take for the beginning
+/// of a cell that may hold one; `n/a` where it is empty.
+pub(super) fn cell(text: &str) -> String {
+    match text.replace(|c: char| c.is_control(), " ").replace('"', "'") {
+        empty if empty.trim().is_empty() => "n/a".to_owned(),
+        text => text,
+    }
 }
 
 /// A number, with all its digits; `n/a` where it is not finite.

@@ -47,7 +47,7 @@ pub(super) fn write(run: &Run<'_>, names: &Names, staged: &mut Staged) -> anyhow
         "TaskDescription": run.description,
         "TrackingSystemName": SYSTEM,
         "SamplingFrequency": run.rate_hz(),
-        "SamplingFrequencyEffective": run.rate_hz(),
+        "SamplingFrequencyEffective": run.effective_hz(),
         "RecordingDuration": run.rows() as f64 / f64::from(run.rate_hz()),
         "MissingValues": "n/a",
         "MotionChannelCount": positions.len(),
@@ -81,7 +81,7 @@ fn channel(run: &Run<'_>, signal: &Signal) -> String {
     let unit = &signal.unit;
     format!(
         "{}\t{component}\t{kind}\t{name}_{point}\t{unit}\t{placement}\tPosition of the {point} of \
-         axis {name}, from its zero",
+         axis {name}, from its zero; events of type axis_homed change that",
         signal.name
     )
 }

@@ -1,6 +1,7 @@
 //! Names of files in a dataset.
 
 use std::path::PathBuf;
+use std::str::FromStr;
 
 use anyhow::bail;
 
@@ -10,7 +11,8 @@ pub(super) struct Names {
     pub(super) subject: String,
     pub(super) session: Option<String>,
     pub(super) task: String,
-    pub(super) run: u32,
+    /// Empty for a task that was run once.
+    pub(super) run: String,
 }
 
 impl Names {
@@ -52,13 +54,12 @@ impl Names {
 
     /// The parts of a name stand in the order that BIDS asks for.
     fn with(&self, tracking: &str, recording: &str, suffix: &str) -> String {
-        let run = self.run.to_string();
         let parts = [
             ("sub", self.subject.as_str()),
             ("ses", self.session.as_deref().unwrap_or_default()),
             ("task", &self.task),
             ("tracksys", tracking),
-            ("run", &run),
+            ("run", &self.run),
             ("recording", recording),
         ];
         let given = parts.iter().filter(|(_, value)| !value.is_empty());
@@ -70,21 +71,49 @@ impl Names {
     }
 }
 
-/// The numbers of runs: those of a task follow each other.
-pub(super) struct RunNumbers {
-    first: u32,
+/// What the runs of a task are called.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum FirstRun {
+    /// Numbers follow each other from this one on, with at least so many digits.
+    Number(u32, usize),
+    /// No number: a task was run once.
+    Single,
+}
+
+impl FromStr for FirstRun {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        if text == "none" {
+            return Ok(Self::Single);
+        }
+        let digits = !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_digit());
+        match text.parse() {
+            Ok(number @ 1..=10_000) if digits => Ok(Self::Number(number, text.len())),
+            _ => Err("expected a number from 1 to 10000, such as 2 or 02, or `none`".to_owned()),
+        }
+    }
+}
+
+/// The labels of runs: those of a task follow each other.
+pub(super) struct RunLabels {
+    first: FirstRun,
     given: Vec<String>,
 }
 
-impl RunNumbers {
-    pub(super) const fn from(first: u32) -> Self {
-        Self { first, given: Vec::new() }
+impl RunLabels {
+    pub(super) fn from(first: Option<&FirstRun>) -> Self {
+        Self { first: first.cloned().unwrap_or(FirstRun::Number(1, 1)), given: Vec::new() }
     }
 
-    pub(super) fn next(&mut self, task: &str) -> u32 {
+    /// The label of the next run of a task; empty for none.
+    pub(super) fn next(&mut self, task: &str) -> String {
         let before = self.given.iter().filter(|given| *given == task).count();
         self.given.push(task.to_owned());
-        self.first + before as u32
+        match self.first {
+            FirstRun::Number(first, width) => format!("{:0width$}", first + before as u32),
+            FirstRun::Single => String::new(),
+        }
     }
 }
 
@@ -113,7 +142,7 @@ mod tests {
             subject: label("subject", "S-07")?,
             session: None,
             task: label("task", "force-matching")?,
-            run: 2,
+            run: "2".to_owned(),
         };
         let shown = |path: PathBuf| path.to_string_lossy().into_owned();
         let expected = "sub-S07/func/sub-S07_task-forcematching_run-2_recording-handle_physio.json";
@@ -136,7 +165,15 @@ mod tests {
 
     #[test]
     fn runs_of_a_task_are_counted() {
-        let mut numbers = RunNumbers::from(3);
-        assert_eq!(["a", "b", "a", "a"].map(|task| numbers.next(task)), [3, 3, 4, 5]);
+        let labels = |first: &str| -> Result<Vec<String>, String> {
+            let mut labels = RunLabels::from(Some(&first.parse()?));
+            Ok(["a", "b", "a", "a"].map(|task| labels.next(task)).to_vec())
+        };
+        assert_eq!(labels("3"), Ok(["3", "3", "4", "5"].map(str::to_owned).to_vec()));
+        assert_eq!(labels("09"), Ok(["09", "09", "10", "11"].map(str::to_owned).to_vec()));
+        assert_eq!(labels("none"), Ok(vec![String::new(); 4]));
+        for wrong in ["", "0", "-1", "+1", "1.0", "one", "10001"] {
+            assert!(labels(wrong).is_err(), "{wrong}");
+        }
     }
 }

@@ -1,85 +1,19 @@
 //! One run of a protocol, as a recording has it.
 
-use std::collections::BTreeMap;
-use std::ops::Range;
-
 use anyhow::bail;
-use ipc_types::{Event, EventKind, Process};
+use ipc_types::Event;
 use recording::mcap_read::Recording;
 use recording::mcap_write::key;
 use rig::protocol::Protocol;
 
 use crate::ended_sessions::{EndedSession, ended_sessions};
 use crate::recorded_events::recorded_events;
+use crate::runs::Stretch;
 use crate::samples::Samples;
 use crate::volumes::volume_times;
 
-/// A stretch of a recording in which one protocol was run.
-#[derive(Clone, Debug)]
-pub(super) struct Stretch<'a> {
-    times_ns: Range<u64>,
-    pub(super) protocol: &'a str,
-    pub(super) protocol_text: &'a str,
-    pub(super) subject: &'a str,
-}
-
-/// The runs of a recording, in the order of time; the whole of one in which no protocol ran.
-///
-/// # Errors
-/// Those of reading.
-pub(super) fn stretches(recording: &Recording) -> anyhow::Result<Vec<Stretch<'_>>> {
-    let events = recorded_events(recording, 0..u64::MAX)?;
-    let begun_ns = |run: &BTreeMap<String, String>| {
-        run.get(key::TIME_NS).and_then(|at_ns| at_ns.parse::<u64>().ok())
-    };
-    let mut runs: Vec<_> = recording.runs().filter_map(|run| Some((begun_ns(run)?, run))).collect();
-    runs.sort_by_key(|(at_ns, _)| *at_ns);
-    // The parts of a merged recording tell of the same run.
-    runs.dedup_by_key(|(at_ns, _)| *at_ns);
-    let ends = runs.iter().skip(1).map(|(at_ns, _)| *at_ns).chain([u64::MAX]);
-    let mut found = Vec::new();
-    for ((begun_ns, run), next_ns) in runs.iter().zip(ends) {
-        let within = || events.iter().filter(|event| (*begun_ns..next_ns).contains(&event.time_ns));
-        // A protocol that was refused has no segment.
-        if !within().any(|event| segment_begun(event).is_some()) {
-            continue;
-        }
-        let is_end = |event: &&Event| {
-            matches!(
-                EventKind::from_code(event.kind),
-                Some(EventKind::ProtocolDone | EventKind::ProtocolStopped)
-            )
-        };
-        let end_ns = within().rfind(is_end).map_or(next_ns, |event| event.time_ns + 1);
-        let of = |name| run.get(name).map_or_else(|| start(recording, name), String::as_str);
-        found.push(Stretch {
-            times_ns: *begun_ns..end_ns,
-            protocol: of(key::PROTOCOL),
-            protocol_text: of(key::PROTOCOL_FILE),
-            subject: of(key::SUBJECT),
-        });
-    }
-    if found.is_empty() {
-        found.push(Stretch {
-            times_ns: 0..u64::MAX,
-            protocol: "recording",
-            protocol_text: "",
-            subject: start(recording, key::SUBJECT),
-        });
-    }
-    Ok(found)
-}
-
-fn start<'a>(recording: &'a Recording, name: &str) -> &'a str {
-    recording.metadata(name).unwrap_or_default()
-}
-
-/// The index of the segment that begins, or goes on, with an event.
-pub(super) fn segment_begun(event: &Event) -> Option<u32> {
-    let kind = EventKind::from_code(event.kind)?;
-    let begins = matches!(kind, EventKind::SegmentStarted | EventKind::ProtocolResumed);
-    (begins && event.source == Process::Experiment.code()).then_some(event.segment)
-}
+/// Longest gap between two samples that is filled with rows (s).
+const LONGEST_GAP_S: f64 = 60.0;
 
 /// A run with all that its files are made of.
 pub(super) struct Run<'a> {
@@ -125,19 +59,27 @@ impl<'a> Run<'a> {
                 stretch.protocol
             );
         };
+        let longest_s = samples.longest_gap() as f64 / f64::from(samples.rig.rates.acquisition_hz);
+        if longest_s > LONGEST_GAP_S {
+            bail!(
+                "{}: it has a gap of {longest_s:.0} s: cut the recording there (`farreach rec \
+                 cut`) and export its parts",
+                recording.path().display()
+            );
+        }
         let scan = volume_times(recording, &stretch.times_ns)?;
         let first_ns = even_grid(&samples, first_tick);
         let wanted = first_volume.unwrap_or(0);
         let volumes: Vec<u64> =
             scan.iter().filter(|(number, _)| *number >= wanted).map(|(_, at_ns)| *at_ns).collect();
         let stored = scan.iter().find(|(number, _)| *number == wanted);
-        let zero_ns = match (stored, first_volume) {
-            (Some((_, at_ns)), _) => *at_ns,
-            (None, None) if scan.is_empty() => first_ns,
-            (None, _) => bail!(
-                "{}: volume {wanted} was not counted in {} ({} volumes were): see --first-volume",
+        let zero_ns = match stored {
+            Some((_, at_ns)) => *at_ns,
+            // An option for the scans concerns no run without one.
+            None if scan.is_empty() => first_ns,
+            None => bail!(
+                "{}: volume {wanted} was not counted ({} volumes were): see --first-volume",
                 recording.path().display(),
-                stretch.protocol,
                 scan.len()
             ),
         };
@@ -175,6 +117,11 @@ impl<'a> Run<'a> {
         self.samples.rig.rates.acquisition_hz
     }
 
+    /// Samples that were recorded, for each second (Hz).
+    pub(super) fn effective_hz(&self) -> f64 {
+        f64::from(self.rate_hz()) * self.samples.ticks.len() as f64 / self.rows() as f64
+    }
+
     /// Samples from the first to the last, with those that are missing.
     pub(super) fn rows(&self) -> u64 {
         self.samples.ticks.last().map_or(0, |last| last - self.first_tick + 1)
@@ -182,7 +129,10 @@ impl<'a> Run<'a> {
 
     /// Samples that are missing.
     pub(super) fn missing(&self) -> u64 {
-        self.rows() - self.samples.ticks.len() as u64
+        let longest = (LONGEST_GAP_S * f64::from(self.rate_hz())) as u64;
+        // A longer gap lies between two recordings.
+        let around = Some(self.samples.missing_around).filter(|around| *around <= longest);
+        self.rows() - self.samples.ticks.len() as u64 + around.unwrap_or(0)
     }
 
     /// For each row of an even table the index of its sample; `None` where it is missing.
@@ -213,7 +163,7 @@ impl<'a> Run<'a> {
 
     /// What wrote the recording.
     pub(super) fn version(&self) -> &str {
-        start(self.recording, key::VERSION)
+        self.recording.metadata(key::VERSION).unwrap_or_default()
     }
 }
 

@@ -6,12 +6,20 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
 use serde_json::Value;
-use tempfile::TempDir;
+use tempfile::{NamedTempFile, TempDir};
+
+use crate::output::taken;
+
+/// Beginning of the names of folders in which files are written apart.
+const APART: &str = ".farreach-";
+/// A file in such a folder that is locked for as long as its export runs.
+const LOCK: &str = "lock";
 
 /// Files that are written apart, until all of them are there.
 pub(super) struct Staged {
     root: PathBuf,
     apart: TempDir,
+    _lock: File,
     /// New files, from the dataset's folder.
     files: Vec<PathBuf>,
     /// Files that stay as they are where they are there.
@@ -29,10 +37,19 @@ impl Staged {
             Some(parent) if !parent.as_os_str().is_empty() => parent,
             _ => Path::new("."),
         };
-        let apart = TempDir::with_prefix_in(".farreach-", beside)
-            .with_context(|| format!("{}: cannot write there", beside.display()))?;
+        let cannot = || format!("{}: cannot write there", beside.display());
+        remove_abandoned(beside);
+        let apart = TempDir::with_prefix_in(APART, beside).with_context(cannot)?;
+        let lock = File::create_new(apart.path().join(LOCK)).with_context(cannot)?;
+        // A file system without locks keeps what a killed export leaves.
+        let _ = lock.try_lock();
         let (files, defaults, rows) = (Vec::new(), Vec::new(), Vec::new());
-        Ok(Self { root: root.to_owned(), apart, files, defaults, rows })
+        Ok(Self { root: root.to_owned(), apart, _lock: lock, files, defaults, rows })
+    }
+
+    /// The dataset's folder.
+    pub(super) fn root(&self) -> &Path {
+        &self.root
     }
 
     /// Begins a new file of the dataset.
@@ -41,7 +58,7 @@ impl Staged {
     /// Where it is there already, or cannot be written.
     pub(super) fn create(&mut self, file: PathBuf) -> anyhow::Result<BufWriter<File>> {
         let target = self.root.join(&file);
-        if target.exists() || self.files.contains(&file) {
+        if taken(&target) || self.files.contains(&file) {
             bail!(
                 "{}: it is there already; files are never overwritten: give --run, --session, \
                  --subject or --task",
@@ -83,11 +100,30 @@ impl Staged {
     /// Moves all files to their places.
     ///
     /// # Errors
-    /// As moving does: what was moved is removed again.
+    /// As moving does: what was moved is removed again, and no table is changed.
     pub(super) fn publish(self) -> anyhow::Result<()> {
+        let mut made = Made::default();
+        let published = self.tables(&mut made).and_then(|tables| {
+            self.move_all(&mut made)?;
+            for (path, table) in tables {
+                table.persist(&path).with_context(|| path.display().to_string())?;
+            }
+            Ok(())
+        });
+        if published.is_err() {
+            made.remove();
+        }
+        published
+    }
+
+    /// The tables with their new rows, each beside the one whose place it is to take.
+    fn tables(&self, made: &mut Made) -> anyhow::Result<Vec<(PathBuf, NamedTempFile)>> {
         let mut tables: Vec<(PathBuf, String)> = Vec::new();
         for (table, [header, row]) in &self.rows {
             let path = self.root.join(table);
+            if path.is_symlink() {
+                bail!("{}: it is a link: unlock it, so that rows can be added", path.display());
+            }
             let known = tables.iter().position(|(other, _)| *other == path);
             let before = match known {
                 Some(at) => tables.swap_remove(at).1,
@@ -99,38 +135,84 @@ impl Staged {
                 .with_context(|| format!("{}: cannot add a row", path.display()))?;
             tables.push((path, after));
         }
-        let mut moved = Vec::new();
-        if let Err(error) = self.move_all(&mut moved) {
-            moved.iter().for_each(|path| drop(fs::remove_file(path)));
-            return Err(error);
-        }
+        let mut written = Vec::with_capacity(tables.len());
         for (path, contents) in tables {
-            files::replace(&path, contents).with_context(|| path.display().to_string())?;
+            let name = || format!("{}: cannot write", path.display());
+            let folder = path.parent().unwrap_or(Path::new("."));
+            made.folder(folder).with_context(name)?;
+            let mut file = tempfile::Builder::new()
+                .prefix(APART)
+                .permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666))
+                .tempfile_in(folder)
+                .with_context(name)?;
+            file.write_all(contents.as_bytes()).with_context(name)?;
+            file.as_file().sync_all().with_context(name)?;
+            written.push((path, file));
         }
-        Ok(())
+        Ok(written)
     }
 
-    fn move_all(&self, moved: &mut Vec<PathBuf>) -> anyhow::Result<()> {
+    fn move_all(&self, made: &mut Made) -> anyhow::Result<()> {
         for file in &self.files {
             let (from, to) = (self.apart.path().join(file), self.root.join(file));
             let name = || format!("{}: cannot create", to.display());
             if let Some(folder) = to.parent() {
-                fs::create_dir_all(folder).with_context(name)?;
+                made.folder(folder).with_context(name)?;
             }
-            if to.exists() {
+            if taken(&to) {
                 bail!("{}: it is there by now; files are never overwritten", to.display());
             }
             fs::rename(&from, &to).with_context(name)?;
-            moved.push(to);
+            made.files.push(to);
         }
         for (file, contents) in &self.defaults {
             let path = self.root.join(file);
-            if !path.exists() {
+            if !taken(&path) {
                 files::create_new(&path, contents).with_context(|| path.display().to_string())?;
-                moved.push(path);
+                made.files.push(path);
             }
         }
         Ok(())
+    }
+}
+
+/// What was made in a dataset.
+#[derive(Default)]
+struct Made {
+    folders: Vec<PathBuf>,
+    files: Vec<PathBuf>,
+}
+
+impl Made {
+    /// Makes a folder, and those that it is in.
+    fn folder(&mut self, folder: &Path) -> std::io::Result<()> {
+        if folder.as_os_str().is_empty() || folder.is_dir() {
+            return Ok(());
+        }
+        if let Some(parent) = folder.parent() {
+            self.folder(parent)?;
+        }
+        fs::create_dir(folder)?;
+        self.folders.push(folder.to_owned());
+        Ok(())
+    }
+
+    /// Removes all of it, as far as that is possible.
+    fn remove(self) {
+        self.files.iter().for_each(|file| drop(fs::remove_file(file)));
+        self.folders.iter().rev().for_each(|folder| drop(fs::remove_dir(folder)));
+    }
+}
+
+/// Removes what exports that were killed have left.
+fn remove_abandoned(folder: &Path) {
+    for entry in folder.read_dir().into_iter().flatten().flatten() {
+        let lock = entry.path().join(LOCK);
+        let ours = entry.file_name().to_string_lossy().starts_with(APART) && lock.is_file();
+        // Another export holds its lock for as long as it runs.
+        if ours && File::open(&lock).is_ok_and(|lock| lock.try_lock().is_ok()) {
+            let _ = fs::remove_dir_all(entry.path());
+        }
     }
 }
 
@@ -138,7 +220,8 @@ impl Staged {
 fn with_row(table: &str, header: &str, row: &str) -> anyhow::Result<String> {
     let names: Vec<&str> = header.split('\t').collect();
     let values: Vec<&str> = row.split('\t').collect();
-    let mut lines = table.lines();
+    // A byte-order mark, as spreadsheets write it, stays.
+    let mut lines = table.trim_start_matches('\u{feff}').lines();
     let found: Vec<&str> = lines.next().unwrap_or_default().split('\t').collect();
     let [first, ..] = names.as_slice() else { bail!("it has no columns") };
     if found.first() != Some(first) {
@@ -167,6 +250,9 @@ mod tests {
         let after = with_row(before, "participant_id", "sub-2")?;
         assert_eq!(after, "participant_id\tage\nsub-1\t33\nsub-2\tn/a\n");
         assert_eq!(with_row(&after, "participant_id", "sub-1")?, after);
+        assert!(
+            with_row("\u{feff}participant_id\tage\nsub-1\t3\n", "participant_id", "sub-2").is_ok()
+        );
         assert!(with_row("age\n33\n", "participant_id", "sub-2").is_err());
         Ok(())
     }

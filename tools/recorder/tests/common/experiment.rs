@@ -74,7 +74,7 @@ pub fn events() -> Vec<Event> {
     (beat.a, beat.b) = (1.0 / 3.0, 1.0);
     events.push(beat);
     events.push(event(EventKind::SessionOver, 4_000_000_000, 0, "whole"));
-    events.push(event(EventKind::Note, 4_600_000_000, 0, "sat up\tand slept, 5 µV"));
+    events.push(event(EventKind::Note, 4_600_000_000, 0, "\"sat up\tand slept, 5 µV"));
     events.push(event(EventKind::ProtocolStopped, 4_900_000_000, 0, "by the operator"));
     events.sort_by_key(|event| event.time_ns);
     for (sequence, event) in (0..).zip(&mut events) {
@@ -85,6 +85,17 @@ pub fn events() -> Vec<Event> {
 
 /// Writes the recording; without volumes where there was no scan.
 pub fn write(path: &Path, subject: &str, scan: bool) {
+    let samples = (0..SAMPLES).filter(|at| !MISSING.contains(at));
+    write_samples(path, subject, scan, samples.map(|at| sample(FIRST_TICK + at)));
+}
+
+/// Writes the recording with these samples.
+pub fn write_samples(
+    path: &Path,
+    subject: &str,
+    scan: bool,
+    samples: impl Iterator<Item = Sample>,
+) {
     let mut start = Start { realtime_offset_ns: 1_700_000_000_123_456_789, ..Start::default() }
         .with(key::RIG, "hydrostatic")
         .with(key::RIG_FILE, RIG)
@@ -96,8 +107,8 @@ pub fn write(path: &Path, subject: &str, scan: bool) {
         (key::TIME_NS.to_owned(), "590000000".to_owned()),
     ]);
     let mut writer = Writer::create(path, &start, 0).unwrap();
-    for tick in (0..SAMPLES).filter(|at| !MISSING.contains(at)).map(|at| FIRST_TICK + at) {
-        writer.write_message(&SAMPLE, &sample(tick)).unwrap();
+    for sample in samples {
+        writer.write_message(&SAMPLE, &sample).unwrap();
     }
     let topic = event_topic(Process::Experiment).unwrap();
     for event in events() {
