@@ -33,8 +33,9 @@ pub const RIGS: &[Shipped] = shipped!("rigs":
 /// The protocols of `launch/protocols`.
 pub const PROTOCOLS: &[Shipped] = shipped!("protocols":
     "block-design", "circle", "demo", "emg-matching", "excitation", "force-field-adaptation",
-    "force-fields", "force-matching", "free-movement", "guided-1hz", "home", "home-three-axes",
-    "home-two-axes", "initialise", "learning", "learning-model-based", "steps", "three-axes",
+    "force-fields", "force-matching", "free-movement", "friction-map", "guided-1hz", "home",
+    "home-three-axes", "home-two-axes", "initialise", "learning", "learning-model-based", "steps",
+    "three-axes",
 );
 
 /// The shipped protocol that homes a rig of so many axes.

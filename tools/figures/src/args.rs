@@ -11,7 +11,7 @@ use std::path::PathBuf;
 #[derive(Clone, Debug, clap::Args)]
 #[command(
     after_help = "Examples:\n  farreach figures --out figures\n  farreach figures --json | jq '.[] \
-        | select(.published != null)'\n\n\
+        | select(.published != null)'\n  farreach figures --from friction.mcap --out friction\n\n\
     Exit codes: 0 done, 1 failed, 2 usage"
 )]
 pub struct Args {
@@ -22,4 +22,11 @@ pub struct Args {
     /// Prints all values as JSON
     #[arg(long)]
     pub json: bool,
+    /// Draws what a recording shows instead, beside the declared model: frequency response with
+    /// its coherence, friction against position and speed, work of motor and hand
+    #[arg(long, value_name = "RECORDING")]
+    pub from: Option<PathBuf>,
+    /// Axis of the recording, from 0
+    #[arg(long, value_name = "N", default_value_t = 0, requires = "from")]
+    pub axis: usize,
 }

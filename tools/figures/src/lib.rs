@@ -26,6 +26,7 @@ mod folder;
 pub mod guided;
 pub mod learning;
 pub mod linear_response;
+mod measured;
 pub mod page;
 pub mod plots;
 pub mod published;

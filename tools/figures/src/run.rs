@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use crate::args::Args;
 use crate::folder::ERRORS_CSV;
 use crate::study::{STEPS, Study, study};
-use crate::{folder, page};
+use crate::{folder, measured, page};
 
 /// Default folder.
 const FOLDER: &str = "farreach-figures";
@@ -23,6 +23,9 @@ const PNG_WIDTH: u32 = 2008;
 /// Where the folder cannot be written, or a figure cannot be computed or drawn.
 pub fn run(args: &Args) -> Result<i32> {
     let out = args.out.clone().or_else(|| (!args.json).then(|| PathBuf::from(FOLDER)));
+    if let Some(recording) = &args.from {
+        return measured::run(recording, args.axis, out, args.json);
+    }
     let out = out.map(|out| folder::check(&out)).transpose()?;
     let bar = ProgressBar::new(STEPS as u64)
         .with_style(

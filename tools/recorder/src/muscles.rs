@@ -142,8 +142,8 @@ fn around(
     Ok(Some((wide, Scan { repetition_s, places })))
 }
 
-/// The beginnings of volumes without the jitter of their pulses, where all of them lie along a line:
-/// the scanner's own clock is regular.
+/// The beginnings of volumes without the jitter of their pulses, where all of them lie along a
+/// line: the scanner's own clock is regular.
 fn regular(volumes: Vec<u64>) -> Vec<u64> {
     let times: Vec<VolumeTime> =
         volumes.iter().map(|at_ns| VolumeTime { at_ns: *at_ns, interpolated: false }).collect();

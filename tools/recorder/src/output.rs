@@ -13,8 +13,8 @@ pub(crate) fn none_exists(paths: &[&Path]) -> anyhow::Result<()> {
     }
 }
 
-/// Whether there is anything of that name, and be it a link that leads nowhere: a file whose contents
-/// were not fetched.
+/// Whether there is anything of that name, and be it a link that leads nowhere: a file whose
+/// contents were not fetched.
 pub(crate) fn taken(path: &Path) -> bool {
     path.symlink_metadata().is_ok()
 }

@@ -96,8 +96,8 @@ pub struct PlayedSegment {
     pub times_ns: Range<u64>,
 }
 
-/// The segments that were played in a recording, in the order of time; those of a protocol that this
-/// version does not accept are left out.
+/// The segments that were played in a recording, in the order of time; those of a protocol that
+/// this version does not accept are left out.
 ///
 /// # Errors
 /// Those of reading.

@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use ipc_types::{SAMPLE, Sample};
+use ipc_types::{CardKind, SAMPLE, Sample};
 use recording::mcap_read::Recording;
 use rig::RigFile;
 
@@ -33,6 +33,8 @@ pub struct Samples {
     /// When each was taken (ns, CLOCK_MONOTONIC).
     pub times_ns: Vec<u64>,
     pub(crate) columns: Vec<Vec<f64>>,
+    /// Whether the card was simulated.
+    pub simulated: bool,
     /// Whether a sample after the stretch is there, and so all of its own that there will be.
     pub(crate) beyond: bool,
     /// Samples that are missing before the first one of the stretch, since the one before it, and
@@ -54,6 +56,7 @@ impl Samples {
             signals,
             ticks: Vec::new(),
             times_ns: Vec::new(),
+            simulated: false,
             beyond: false,
             missing_around: 0,
         };
@@ -100,6 +103,7 @@ impl Samples {
     }
 
     fn push(&mut self, sample: &Sample) {
+        self.simulated |= sample.backend == CardKind::Simulated.code();
         self.ticks.push(sample.tick);
         self.times_ns.push(sample.scan_time_ns);
         for (column, signal) in self.columns.iter_mut().zip(&self.signals) {

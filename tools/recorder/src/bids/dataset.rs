@@ -81,6 +81,6 @@ Written by `farreach rec export --to bids`. Each run of a protocol is a run here
 
 `StartTime` in the JSON beside `physio`, `stim` and `emg` is the time of the first sample after
 onset 0 (s); `motion` begins with the same sample. Times of day, in `_scans.tsv` and in the BDF
-file, are UTC. The texts of rig file and protocol are in `Farreach` of each `physio.json`. What the rig file does not
-say of the electrodes is to be completed in `task-*_emg.json`.
+file, are UTC. The texts of rig file and protocol are in `Farreach` of each `physio.json`. What the
+rig file does not say of the electrodes is to be completed in `task-*_emg.json`.
 ";

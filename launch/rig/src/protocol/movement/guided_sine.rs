@@ -17,7 +17,12 @@ pub struct GuidedSine {
     pub envelope: Envelope,
 }
 
-const GUIDED_HZ: Bounds = bounds(0.2, 3.0, "guided movements are of 0.2 to 3 Hz (appendix)");
+const GUIDED_HZ: Bounds = bounds(
+    0.005,
+    3.0,
+    "guided movements are of 0.2 to 3 Hz (appendix); slow ones down to 0.008 Hz show friction \
+     (§ 5.2.2)",
+);
 
 pub(super) const KEYS: Keys = &[
     ("amplitude_{deg,m}", "Amplitude, to either side of the centre."),
