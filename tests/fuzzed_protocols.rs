@@ -23,8 +23,8 @@ const INSTANTS: usize = 40;
 const LIMIT: Duration = Duration::from_secs(20);
 /// Samples after which a handle that was switched on in movement is at rest.
 const SETTLING: usize = 4000;
-/// Largest movement of a handle that is held: it creeps a few counts of its encoder within a minute,
-/// where a movement sweeps a radian (rad).
+/// Largest movement of a handle that is held: it creeps a few counts of its encoder within a
+/// minute, where a movement sweeps a radian (rad).
 const HELD: f64 = 0.05;
 /// Rounding, as a share of a limit.
 const ROUNDING: f64 = 1e-9;
