@@ -3,32 +3,31 @@
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 mod common;
+#[path = "common/console_client.rs"]
+mod console_client;
 
 use std::fs::File;
 use std::os::fd::AsFd as _;
 use std::process::Command;
 use std::time::Duration;
 
-use futures_util::{SinkExt as _, StreamExt as _};
+use futures_util::SinkExt as _;
 use ipc_types::{EXPERIMENT_COMMANDS, Event, EventKind, ExperimentAnswer, ExperimentRequest};
 use recording::mcap_read::Recording;
 use rustix::thread::{LinkNameSpaceType, move_into_link_name_space};
 use serde_json::{Value, json};
-use tokio::net::TcpStream;
 use tokio::time::timeout;
+use tokio_tungstenite::connect_async;
 use tokio_tungstenite::tungstenite::Message;
-use tokio_tungstenite::{MaybeTlsStream, WebSocketStream, connect_async};
 
 use common::playing::messages;
 use common::{TestRig, wait_for};
+use console_client::{LIMIT, Socket, address, next};
 
 const RIG_ADDRESS: &str = "10.213.77.1";
 const PAGE_ADDRESS: &str = "10.213.77.2";
-const LIMIT: Duration = Duration::from_secs(20);
 /// How far the clock of the second computer is ahead (ms).
 const AHEAD_MS: f64 = 1_234_500.0;
-
-type Socket = WebSocketStream<MaybeTlsStream<TcpStream>>;
 
 /// Two network namespaces with a cable between them; removed in any case.
 struct Link {
@@ -107,9 +106,7 @@ impl Page {
     /// The next message that fits; answers those of the clock, as a page does.
     async fn next(&mut self, fits: impl Fn(&Value) -> bool) -> Value {
         loop {
-            let message = timeout(LIMIT, self.socket.next()).await.expect("it is silent");
-            let Some(Ok(Message::Text(text))) = message else { panic!("{message:?}") };
-            let value: Value = serde_json::from_str(&text).unwrap();
+            let value = next(&mut self.socket, |_| true).await.expect("closed");
             if value["type"] == "clock" {
                 let page_ms = runtime::clock::now_ns() as f64 * 1e-6 + AHEAD_MS;
                 let server_ms = &value["server_ms"];
@@ -164,9 +161,8 @@ fn a_page_on_a_second_computer_controls_a_rig_that_needs_no_link() {
     let console = format!("{RIG_ADDRESS}:0");
     let absolute = rig.absolute_rig("hydrostatic");
     rig.ok(["up", "--simulate", "--rig", &absolute, "--console", &console]);
-    let pages: Value = serde_json::from_str(&rig.ok(["console", "--json"])).unwrap();
-    let operator = pages["operator"].as_str().unwrap();
-    let (host, token) = operator.strip_prefix("http://").unwrap().split_once("/#token=").unwrap();
+    let (host, token) = address(&rig);
+    let (host, token) = (host.as_str(), token.as_str());
     assert!(host.starts_with(RIG_ADDRESS), "{host}");
     let file = rig.path("link.mcap");
     rig.ok(["rec", "start", file.to_str().unwrap()]);

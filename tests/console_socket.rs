@@ -2,34 +2,23 @@
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 mod common;
-
-use std::time::Duration;
+#[path = "common/console_client.rs"]
+mod console_client;
 
 use futures_util::{SinkExt as _, StreamExt as _};
 use serde_json::Value;
-use tokio::net::TcpStream;
 use tokio::time::timeout;
+use tokio_tungstenite::connect_async;
 use tokio_tungstenite::tungstenite::client::IntoClientRequest as _;
 use tokio_tungstenite::tungstenite::{Error, Message};
-use tokio_tungstenite::{MaybeTlsStream, WebSocketStream, connect_async};
 
 use common::TestRig;
 use common::mutated::Numbers;
+use console_client::{LIMIT, Socket, address, next};
 
 const MESSAGES: usize = 10_000;
 /// Below what a page may send at once.
 const EACH: usize = 190;
-const LIMIT: Duration = Duration::from_secs(20);
-
-type Socket = WebSocketStream<MaybeTlsStream<TcpStream>>;
-
-/// Host and token of the rig's console.
-fn address(rig: &TestRig) -> (String, String) {
-    let pages: Value = serde_json::from_str(&rig.ok(["console", "--json"])).unwrap();
-    let operator = pages["operator"].as_str().unwrap();
-    let (host, token) = operator.strip_prefix("http://").unwrap().split_once("/#token=").unwrap();
-    (host.to_owned(), token.to_owned())
-}
 
 async fn connect(host: &str, headers: &[(&'static str, &str)]) -> Result<Socket, Error> {
     let mut request = format!("ws://{host}/ws?page=operator").into_client_request().unwrap();
@@ -37,23 +26,6 @@ async fn connect(host: &str, headers: &[(&'static str, &str)]) -> Result<Socket,
         request.headers_mut().insert(*name, value.parse().unwrap());
     }
     Ok(connect_async(request).await?.0)
-}
-
-/// The next message that fits; `None` once the connection is closed.
-async fn next(socket: &mut Socket, fits: impl Fn(&Value) -> bool) -> Option<Value> {
-    timeout(LIMIT, async {
-        while let Some(Ok(message)) = socket.next().await {
-            if let Message::Text(text) = message {
-                let value: Value = serde_json::from_str(&text).unwrap();
-                if fits(&value) {
-                    return Some(value);
-                }
-            }
-        }
-        None
-    })
-    .await
-    .expect("the console is silent")
 }
 
 async fn ask(socket: &mut Socket, id: u64, request: &str) -> Value {

@@ -45,8 +45,12 @@ pub fn create_new(path: &Path, contents: impl AsRef<[u8]>) -> io::Result<()> {
     written(path, contents.as_ref())?.persist_noclobber(path).map(drop).map_err(|error| error.error)
 }
 
-/// A temporary file in the folder of `path`, its contents on the disk. Dropping it removes it.
-fn written(path: &Path, contents: &[u8]) -> io::Result<NamedTempFile> {
+/// A temporary file in the folder of `path`, its contents on the disk, which can take its place.
+/// Dropping it removes it.
+///
+/// # Errors
+/// The system's.
+pub fn written(path: &Path, contents: &[u8]) -> io::Result<NamedTempFile> {
     let folder =
         path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let mut file = tempfile::Builder::new()

@@ -142,6 +142,11 @@ impl RigFile {
         self.model.of_axis(&axis.model, &self.file_name)
     }
 
+    /// The channel at an input of the card; `None` where the file has none.
+    pub fn channel_at(&self, input: usize) -> Option<&Channel> {
+        self.channels.iter().find(|channel| channel.index == input)
+    }
+
     /// Declared model of one axis: that of the file, overridden by `axes.model`.
     pub fn axis_model(&self, axis: &Axis) -> Model {
         self.model.with(&axis.model)

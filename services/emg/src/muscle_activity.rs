@@ -15,6 +15,14 @@ pub enum Group {
 }
 
 impl Group {
+    /// The word in files and tables.
+    pub const fn word(self) -> &'static str {
+        match self {
+            Self::Agonist => "agonist",
+            Self::Antagonist => "antagonist",
+        }
+    }
+
     /// Index in the messages' pairs: agonists first.
     pub const fn index(self) -> usize {
         match self {

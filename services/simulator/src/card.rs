@@ -385,7 +385,7 @@ impl Sensors {
     fn new(rig: &RigFile, axis: &Axis, axis_index: u64) -> Self {
         let simulation = &rig.simulation;
         let torque_cell = axis.torque.as_ref().map(|torque| {
-            let input_channel = rig.channels.iter().find(|channel| channel.index == torque.channel);
+            let input_channel = rig.channel_at(torque.channel);
             let cell = TorqueCellParameters {
                 volts_per_nm: torque.volts_per_unit,
                 offset_v: torque.offset_v,

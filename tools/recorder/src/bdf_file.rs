@@ -72,10 +72,13 @@ pub(crate) fn write_bdf(
         limits.push(limit(signal)?);
     }
     out.write_all(&encode_header(header, signals, &limits, records, notes.capacity))?;
+    // Readers compute with the limit as it is printed.
+    let steps: Vec<f64> = limits
+        .iter()
+        .map(|limit| Ok(f64::from(LARGEST) / limit.parse::<f64>()?))
+        .collect::<anyhow::Result<_>>()?;
     for record in 0..records {
-        for (signal, limit) in signals.iter().zip(&limits) {
-            // Readers compute with the limit as it is printed.
-            let steps = f64::from(LARGEST) / limit.parse::<f64>()?;
+        for (signal, steps) in signals.iter().zip(&steps) {
             for at in record * rate..(record + 1) * rate {
                 let value = signal.values.get(at).copied().filter(|value| value.is_finite());
                 let step = (value.unwrap_or(0.0) * steps).round() as i32;

@@ -50,7 +50,8 @@ pub(crate) fn export(
     for stretch in stretches(&recording)? {
         let names = names_of(&stretch, options, &mut labels)?;
         // One run that cannot be read keeps no other from being exported.
-        let run = match Run::read(&recording, &stretch, options.first_volume) {
+        let code_of_subject = stretch.subject.trim();
+        let run = match Run::read(&recording, stretch, options.first_volume) {
             Ok(run) => run,
             Err(error) => {
                 left_out.push(format!("{}: NOT exported: {error:#}", names.stem()));
@@ -62,7 +63,6 @@ pub(crate) fn export(
         }
         let line = write_run(&run, &names, &mut staged).with_context(|| names.stem())?;
         told.push(line);
-        let code_of_subject = stretch.subject.trim();
         if options.subject.is_none() && names.subject != code_of_subject {
             told.push(format!("subject \"{code_of_subject}\" is sub-{} here", names.subject));
         }
@@ -102,7 +102,7 @@ fn names_of(
 
 /// Writes the files of a run; returns what is to be told of it.
 fn write_run(run: &Run<'_>, names: &Names, staged: &mut Staged) -> anyhow::Result<String> {
-    dataset::describe(run, names, staged)?;
+    dataset::describe(run, names, staged);
     let with_scan = if run.scan { "func" } else { "beh" };
     events::write(run, &names.file(with_scan, "events"), run.zero_ns, staged)?;
     continuous::write(run, names, with_scan, staged)?;

@@ -1,10 +1,11 @@
 //! The sessions of a recording that have ended.
 
 use ipc_types::{
-    Event, EventKind, PERFORMANCE, Performance, Process, SESSION, SessionOutcome, SessionResult,
-    event_topic,
+    Event, PERFORMANCE, Performance, Process, SESSION, SessionOutcome, SessionResult, event_topic,
 };
 use recording::mcap_read::Recording;
+
+use crate::runs::segment_begun;
 
 /// A session that has ended, with the name of its segment.
 #[derive(Debug)]
@@ -19,6 +20,11 @@ impl EndedSession {
     /// Its number in its protocol, from 1.
     pub(crate) const fn number(&self) -> u32 {
         self.result.number
+    }
+
+    /// How it ended, in a word.
+    pub(crate) fn outcome(&self) -> &'static str {
+        SessionOutcome::from_code(self.result.outcome).map_or("unknown", SessionOutcome::text)
     }
 
     /// Whether it ended so.
@@ -85,9 +91,6 @@ pub(crate) fn bar_updates(recording: &Recording) -> anyhow::Result<Vec<Performan
 fn segment_labels(recording: &Recording) -> anyhow::Result<Vec<Event>> {
     let Some(topic) = event_topic(Process::Experiment) else { return Ok(Vec::new()) };
     let mut events: Vec<Event> = messages_of(recording, topic.topic.name)?;
-    events.retain(|event| {
-        let kind = EventKind::from_code(event.kind);
-        matches!(kind, Some(EventKind::SegmentStarted | EventKind::ProtocolResumed))
-    });
+    events.retain(|event| segment_begun(event).is_some());
     Ok(events)
 }

@@ -77,7 +77,7 @@ pub use mat::{WantedSession, session_path, write_session};
 use output::Output;
 use recording::mcap_read::Recording;
 pub use runs::{PlayedSegment, played_segments};
-pub use samples::{AxisColumns, Samples};
+pub use samples::{AxisColumns, Samples, rows_of};
 use scanner::Series;
 pub use sessions::{SessionReport, session_reports};
 pub use signals::{Signal, signals};

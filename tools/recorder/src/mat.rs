@@ -222,12 +222,11 @@ fn info(recording: &Recording, stretch: &Stretch<'_>, rate_hz: u32, begun_ns: u6
     if let Some(session) = stretch.session {
         let result = &session.result;
         let bars = usize::from(result.bars).min(result.value.len());
-        let outcome = SessionOutcome::from_code(result.outcome).map_or("unknown", |o| o.text());
         fields.extend([
             ("session", f64::from(result.number).into()),
             ("sessions", f64::from(result.sessions).into()),
             ("label", session.label.as_str().into()),
-            ("outcome", outcome.into()),
+            ("outcome", session.outcome().into()),
             ("planned_s", result.planned_s.into()),
             ("samples_missed", (result.samples_missed as f64).into()),
             ("value", Value::column(result.value[..bars].to_vec())),

@@ -95,18 +95,13 @@ pub(crate) fn muscles(
         found.names.push(channel.name.clone());
         found.units.push(channel.unit.clone());
         found.muscles.push(channel.muscle.clone());
-        found.groups.push(match channel.group {
-            Some(emg::Group::Agonist) => "agonist",
-            Some(emg::Group::Antagonist) => "antagonist",
-            None => "",
-        });
+        found.groups.push(channel.group.map_or("", emg::Group::word));
     }
     Ok(found)
 }
 
 fn electrode(rig: &RigFile, input: usize) -> Option<&Channel> {
-    let channel = rig.channels.iter().find(|channel| channel.index == input)?;
-    (channel.kind == ChannelKind::Emg).then_some(channel)
+    rig.channel_at(input).filter(|channel| channel.kind == ChannelKind::Emg)
 }
 
 /// The samples of a stretch and of so many volumes before and after it, with their places in the

@@ -15,6 +15,8 @@ use crate::recorded_events::recorded_events;
 #[derive(Clone, Debug)]
 pub(crate) struct Stretch<'a> {
     pub(crate) times_ns: Range<u64>,
+    /// What happened in it, in the order of time.
+    pub(crate) events: Vec<Event>,
     pub(crate) protocol: &'a str,
     pub(crate) protocol_text: &'a str,
     pub(crate) subject: &'a str,
@@ -56,6 +58,7 @@ pub(crate) fn stretches(recording: &Recording) -> anyhow::Result<Vec<Stretch<'_>
         let of = |name| run.get(name).map_or_else(|| start(recording, name), String::as_str);
         found.push(Stretch {
             times_ns: *begun_ns..end_ns,
+            events: within().filter(|event| event.time_ns < end_ns).copied().collect(),
             protocol: of(key::PROTOCOL),
             protocol_text: of(key::PROTOCOL_FILE),
             subject: of(key::SUBJECT),
@@ -64,6 +67,7 @@ pub(crate) fn stretches(recording: &Recording) -> anyhow::Result<Vec<Stretch<'_>
     if found.is_empty() {
         found.push(Stretch {
             times_ns: 0..u64::MAX,
+            events,
             protocol: "recording",
             protocol_text: "",
             subject: start(recording, key::SUBJECT),
@@ -81,6 +85,17 @@ pub(crate) fn segment_begun(event: &Event) -> Option<u32> {
     let kind = EventKind::from_code(event.kind)?;
     let begins = matches!(kind, EventKind::SegmentStarted | EventKind::ProtocolResumed);
     (begins && event.source == Process::Experiment.code()).then_some(event.segment)
+}
+
+/// The segments of a run that ended at `end_ns`, each with its index, the event with which it began
+/// and when it ended: with the next one.
+pub(crate) fn segments_begun(
+    events: &[Event],
+    end_ns: u64,
+) -> impl Iterator<Item = (u32, &Event, u64)> {
+    let begun = || events.iter().filter_map(|event| Some((segment_begun(event)?, event)));
+    let ends = begun().skip(1).map(|(_, next)| next.time_ns).chain([end_ns]);
+    begun().zip(ends).map(|((index, event), until_ns)| (index, event, until_ns))
 }
 
 /// A segment that was played.
@@ -102,20 +117,13 @@ pub struct PlayedSegment {
 /// # Errors
 /// Those of reading.
 pub fn played_segments(recording: &Recording, rig: &RigFile) -> anyhow::Result<Vec<PlayedSegment>> {
-    let events = recorded_events(recording, 0..u64::MAX)?;
     let mut played = Vec::new();
     for stretch in stretches(recording)? {
         let Ok(protocol) = Protocol::parse(stretch.protocol_text, "protocol") else { continue };
         let segments = protocol.segments_on(rig);
         let sequence: Vec<_> = protocol.sequence_of(&segments).collect();
-        let begun: Vec<(u32, &Event)> = events
-            .iter()
-            .filter(|event| stretch.times_ns.contains(&event.time_ns))
-            .filter_map(|event| Some((segment_begun(event)?, event)))
-            .collect();
-        let ends = begun.iter().skip(1).map(|(_, next)| next.time_ns).chain([stretch.times_ns.end]);
-        for ((index, event), end_ns) in begun.iter().zip(ends) {
-            let Some((_, segment)) = sequence.get(*index as usize) else { continue };
+        for (index, event, end_ns) in segments_begun(&stretch.events, stretch.times_ns.end) {
+            let Some((_, segment)) = sequence.get(index as usize) else { continue };
             played.push(PlayedSegment {
                 label: event.text().to_owned(),
                 axis: segment.axis,

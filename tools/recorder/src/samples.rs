@@ -116,3 +116,16 @@ impl Samples {
 fn missing_between(before: Option<&u64>, next: u64) -> u64 {
     before.map_or(0, |before| next.saturating_sub(*before).saturating_sub(1))
 }
+
+/// For each row of an even table from the first tick to the last the index of its sample; `None`
+/// where it is missing.
+pub fn rows_of(ticks: &[u64]) -> impl Iterator<Item = Option<usize>> {
+    let ends = ticks.first().zip(ticks.last());
+    let rows = ends.map(|(first, last)| *first..=*last);
+    let mut next = 0;
+    rows.into_iter().flatten().map(move |tick| {
+        let found = ticks.get(next) == Some(&tick);
+        next += usize::from(found);
+        found.then(|| next - 1)
+    })
+}

@@ -209,7 +209,7 @@ impl Reading {
             number: result.number,
             of: result.sessions,
             label: self.ended.label.clone(),
-            outcome: SessionOutcome::from_code(result.outcome).map_or("unknown", |o| o.text()),
+            outcome: self.ended.outcome(),
             t_s: (result.begun_ns as f64 - began_ns as f64) * 1e-9,
             duration_s: result.ended_ns.saturating_sub(result.begun_ns) as f64 * 1e-9,
             planned_s: result.planned_s,

@@ -9,11 +9,12 @@ use std::path::Path;
 
 use ipc_types::{
     Event, EventKind, Light, Message, PERFORMANCE, Performance, Process, SAMPLE, SESSION, Sample,
-    SessionOutcome, SessionResult, Severity, VOLUME, Volume, event_topic,
+    SessionOutcome, SessionResult, Severity, VOLUME, event_topic,
 };
 use recorder::{DONE, WantedSession};
 use recording::mcap_write::{Start, Writer, key};
 
+use common::experiment::volume;
 use common::{Folder, fails, rec};
 use mat_reader::{Value, read};
 
@@ -259,15 +260,7 @@ fn the_scanners_artefact_is_taken_out_of_sessions_shorter_than_its_average() {
     for index in 0..39 {
         // The pulses jitter by a fifth of a millisecond.
         let at_s = begin_s(index) + 2e-4 * (index * 7 % 10) as f64 / 10.0;
-        let mut volume = Volume {
-            index,
-            at_ns: (at_s * 1e9) as u64,
-            volumes: index + 1,
-            repetition_s: period_s,
-            ..Volume::default()
-        };
-        volume.stamp(11, 44, index, volume.at_ns + 1);
-        writer.write_message(&VOLUME, &volume).unwrap();
+        writer.write_message(&VOLUME, &volume(index, (at_s * 1e9) as u64)).unwrap();
     }
     // A session of one second, less than the three volumes that an average needs.
     let mut result = SessionResult {

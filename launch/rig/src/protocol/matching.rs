@@ -209,7 +209,8 @@ impl Matching {
             let advice = "add [axes.torque] to the rig file";
             source.problem("matching.signal", expected, "none in the rig file", advice);
         }
-        for (group, name) in [(Group::Agonist, "agonist"), (Group::Antagonist, "antagonist")] {
+        for group in [Group::Agonist, Group::Antagonist] {
+            let name = group.word();
             if self.signal == Signal::Emg && rig.muscle_unit(group).is_none() {
                 let expected = format!("electrodes over {name} muscles");
                 let advice = format!("add group = \"{name}\" to channels of kind emg");

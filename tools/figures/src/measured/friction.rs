@@ -13,8 +13,8 @@ const SLOW_HZ: f64 = 0.1;
 const STRETCHES: usize = 40;
 /// Samples that a mean needs.
 const LEAST_SAMPLES: usize = 20;
-/// Share of the highest speed that counts as such: the middle tenth of a stroke, where the motor
-/// does not accelerate.
+/// Share of the highest speed that counts as such: the middle fifth of a stroke, where the motor
+/// hardly accelerates.
 const FASTEST: f64 = 0.95;
 
 /// Torque of the motor in one direction.
@@ -50,21 +50,39 @@ pub(super) fn is_slow(sine: &GuidedSine) -> bool {
 /// to 1.
 fn strokes(trace: &Trace, sine: &GuidedSine) -> impl Iterator<Item = (usize, usize, f64)> {
     let [_, speed] = &trace.smooth;
-    let envelope = &sine.envelope;
-    let settled = trace.between(envelope.fade_in_s, trace.duration_s() - envelope.fade_out_s);
+    let settled = trace.settled(&sine.envelope);
     let begin = settled.start;
     // The reference is a sine from the segment's beginning on.
     let omega = TAU * sine.line.frequency_hz / trace.rate_hz;
+    let period = TAU / omega;
     settled.filter_map(move |at| {
         // A stroke begins a quarter of a period before the middle.
-        let turns = omega * at as f64 / TAU + 0.25;
-        let stroke = 2.0 * turns;
+        let stroke = 2.0 * (omega * at as f64 / TAU + 0.25);
         let direction = (stroke.floor() as i64).rem_euclid(2) as usize;
         // The first stroke began before the movement was settled.
-        let whole = stroke.floor() / 2.0 / omega * TAU - 0.25 / omega * TAU >= begin as f64;
+        let whole = (0.5 * stroke.floor() - 0.25) * period >= begin as f64;
         let moves = speed.get(at).is_some_and(|speed| (*speed < 0.0) == (direction == 1));
         (whole && moves).then(|| (at, direction, stroke.fract()))
     })
+}
+
+/// A mean that is being taken.
+#[derive(Clone, Copy, Default)]
+struct Mean {
+    sum: f64,
+    count: usize,
+}
+
+impl Mean {
+    fn add(&mut self, value: f64) {
+        self.sum += value;
+        self.count += 1;
+    }
+
+    /// The mean of so many values at least.
+    fn of(self, least: usize) -> Option<f64> {
+        (self.count >= least).then(|| self.sum / self.count as f64)
+    }
 }
 
 /// Friction against position; `None` where no stroke is whole.
@@ -76,29 +94,26 @@ pub(super) fn map(trace: &Trace, sine: &GuidedSine) -> Option<FrictionMap> {
     if high <= low {
         return None;
     }
-    let mut sums = [vec![(0.0, 0usize); STRETCHES], vec![(0.0, 0usize); STRETCHES]];
-    let mut later = [(0.0, 0usize); 2];
+    let mut means = [[Mean::default(); STRETCHES]; 2];
+    let mut later = [Mean::default(); 2];
     for (at, direction, share) in strokes(trace, sine) {
         let stretch = ((handle[at] - low) / (high - low) * STRETCHES as f64) as usize;
-        let cell = &mut sums[direction][stretch.min(STRETCHES - 1)];
-        *cell = (cell.0 + trace.motor_nm[at], cell.1 + 1);
+        means[direction][stretch.min(STRETCHES - 1)].add(trace.motor_nm[at]);
         // A soft line is wound up for a good part of each stroke.
         if share > 0.5 {
-            let cell = &mut later[direction];
-            *cell = (cell.0 + trace.motor_nm[at].abs(), cell.1 + 1);
+            later[direction].add(trace.motor_nm[at].abs());
         }
     }
     let of = |direction: usize| {
         let mut found = Direction::default();
-        for (stretch, (sum, count)) in sums[direction].iter().enumerate() {
-            if *count >= LEAST_SAMPLES {
+        for (stretch, mean) in means[direction].iter().enumerate() {
+            if let Some(torque_nm) = mean.of(LEAST_SAMPLES) {
                 let middle = (stretch as f64 + 0.5) / STRETCHES as f64;
                 found.position_rad.push(low + middle * (high - low));
-                found.torque_nm.push(sum / *count as f64);
+                found.torque_nm.push(torque_nm);
             }
         }
-        let (sum, count) = later[direction];
-        found.mean_nm = if count > 0 { sum / count as f64 } else { f64::NAN };
+        found.mean_nm = later[direction].of(1).unwrap_or(f64::NAN);
         found
     };
     Some(FrictionMap { directions: [of(0), of(1)] })
@@ -108,15 +123,13 @@ pub(super) fn map(trace: &Trace, sine: &GuidedSine) -> Option<FrictionMap> {
 pub(super) fn at_speed(trace: &Trace, sine: &GuidedSine) -> Option<SpeedPoint> {
     let [_, speed] = &trace.smooth;
     let highest = TAU * sine.line.frequency_hz * sine.line.amplitude;
-    let mut sums = [(0.0, 0usize); 2];
+    let mut means = [Mean::default(); 2];
     for (at, direction, share) in strokes(trace, sine) {
         // The speed of a stroke's middle, by its place: it is noisy where it is slow.
         if (std::f64::consts::PI * share).sin() > FASTEST && speed[at].abs() > 0.2 * highest {
-            let cell = &mut sums[direction];
-            *cell = (cell.0 + trace.motor_nm[at], cell.1 + 1);
+            means[direction].add(trace.motor_nm[at]);
         }
     }
-    let mean = |(sum, count): (f64, usize)| (count >= LEAST_SAMPLES).then(|| sum / count as f64);
-    let [forward, backward] = sums.map(mean);
+    let [forward, backward] = means.map(|mean| mean.of(LEAST_SAMPLES));
     Some(SpeedPoint { speed_rad_s: highest, torque_nm: [forward?, backward?] })
 }

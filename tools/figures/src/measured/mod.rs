@@ -15,7 +15,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context as _, Result, bail};
 use recorder::{PlayedSegment, Samples, played_segments};
 use recording::mcap_read::Recording;
-use rig::protocol::Movement;
+use rig::protocol::{Envelope, Movement};
 use rig::{AxisUnit, HandKind, RigFile};
 use serde::Serialize;
 
@@ -100,9 +100,16 @@ fn all(
     if declared.unit != AxisUnit::Radian {
         bail!("axis {axis} is linear: these figures are made for rotary axes");
     }
+    let mut machine = rig.clone();
+    machine.axes = vec![declared.clone()];
+    machine.model.handle_coupling.clear();
+    if !samples.simulated {
+        machine.simulation.hand.kind = HandKind::Absent;
+    }
+    let torque_per_volt = rig.axis_parameters(declared)?.motor_torque_per_volt_nm();
     let mut shown = Vec::new();
     for segment in segments.iter().filter(|segment| segment.axis == axis) {
-        let found = of_segment(rig, samples, axis, segment)
+        let found = of_segment(&machine, torque_per_volt, samples, segment)
             .with_context(|| format!("{}: segment \"{}\"", file.display(), segment.label))?;
         shown.extend(found.filter(|found| !found.is_empty()));
     }
@@ -116,84 +123,60 @@ fn all(
     Ok(shown)
 }
 
-/// What a segment shows; `None` for a kind that shows nothing.
+/// What a segment shows; `None` for a kind that shows nothing. `machine` is the declared one, with
+/// the segment's axis alone.
 fn of_segment(
-    rig: &RigFile,
+    machine: &RigFile,
+    torque_per_volt: f64,
     samples: &Samples,
-    axis: usize,
     segment: &PlayedSegment,
 ) -> Result<Option<Shown>> {
-    let kind = segment.movement.kind();
-    if !matches!(
-        segment.movement,
-        Movement::GuidedSine(_) | Movement::Rhythm(_) | Movement::Multisine(_) | Movement::Chirp(_)
-    ) {
-        return Ok(None);
-    }
-    let Some(declared) = rig.axes.get(axis) else { return Ok(None) };
-    let torque_per_volt = rig.axis_parameters(declared)?.motor_torque_per_volt_nm();
-    let measured = Trace::measured(samples, axis, &segment.times_ns, torque_per_volt)?;
-    let mut machine = rig.clone();
-    machine.axes = vec![declared.clone()];
-    machine.model.handle_coupling.clear();
-    if !samples.simulated {
-        machine.simulation.hand.kind = HandKind::Absent;
-    }
-    // A rhythm is the hand's.
-    let model = match segment.movement {
-        Movement::Rhythm(_) => None,
-        _ => Some(measured.simulated(&machine, &segment.movement, torque_per_volt)?),
-    };
-    let both = (&measured, model.as_ref());
-    let mut shown = Shown {
-        label: segment.label.clone(),
-        kind,
-        duration_s: measured.duration_s(),
-        missing: measured.missing,
-        ..Shown::default()
-    };
-    match &segment.movement {
-        Movement::GuidedSine(sine) => {
-            if friction::is_slow(sine) {
-                shown.friction = beside(both, |trace| friction::map(trace, sine));
-            }
-            shown.at_speed = beside(both, |trace| friction::at_speed(trace, sine));
-            shown.work = beside(both, work::work);
-        }
-        Movement::Rhythm(_) => shown.work = beside(both, work::work),
+    let (sine, excitation) = match &segment.movement {
+        Movement::GuidedSine(sine) => (Some(sine), None),
+        Movement::Rhythm(_) => (None, None),
         Movement::Multisine(sines) => {
-            let lines: Vec<f64> = sines.lines.iter().map(|line| line.frequency_hz).collect();
-            let envelope = &sines.envelope;
-            shown.response = beside(both, |trace| {
-                responded(
-                    trace,
-                    envelope.fade_in_s,
-                    envelope.fade_out_s,
-                    &Frequencies::Lines(&lines),
-                )
-            });
+            let lines = sines.lines.iter().map(|line| line.frequency_hz).collect();
+            (None, Some((&sines.envelope, Frequencies::Lines(lines))))
         }
         Movement::Chirp(chirp) => {
             let [one, other] = chirp.frequencies_hz;
             let bands = Frequencies::Bands(one.min(other), one.max(other));
-            let envelope = &chirp.envelope;
-            shown.response = beside(both, |trace| {
-                responded(trace, envelope.fade_in_s, envelope.fade_out_s, &bands)
-            });
+            (None, Some((&chirp.envelope, bands)))
         }
-        _ => {}
+        _ => return Ok(None),
+    };
+    let measured = Trace::measured(samples, segment.axis, &segment.times_ns, torque_per_volt)?;
+    // A rhythm is the hand's.
+    let model = match segment.movement {
+        Movement::Rhythm(_) => None,
+        _ => Some(measured.simulated(machine, &segment.movement, torque_per_volt)?),
+    };
+    let both = (&measured, model.as_ref());
+    let mut shown = Shown {
+        label: segment.label.clone(),
+        kind: segment.movement.kind(),
+        duration_s: measured.duration_s(),
+        missing: measured.missing,
+        ..Shown::default()
+    };
+    if let Some(sine) = sine {
+        if friction::is_slow(sine) {
+            shown.friction = beside(both, |trace| friction::map(trace, sine));
+        }
+        shown.at_speed = beside(both, |trace| friction::at_speed(trace, sine));
+    }
+    match excitation {
+        Some((envelope, frequencies)) => {
+            shown.response = beside(both, |trace| responded(trace, envelope, &frequencies));
+        }
+        None => shown.work = beside(both, work::work),
     }
     Ok(Some(shown))
 }
 
 /// The response of what lies between the fades.
-fn responded(
-    trace: &Trace,
-    fade_in_s: f64,
-    fade_out_s: f64,
-    frequencies: &Frequencies<'_>,
-) -> Option<Vec<Point>> {
-    let settled = trace.between(fade_in_s, trace.duration_s() - fade_out_s);
+fn responded(trace: &Trace, envelope: &Envelope, frequencies: &Frequencies) -> Option<Vec<Point>> {
+    let settled = trace.settled(envelope);
     let slave = trace.slave.as_ref()?.get(settled.clone())?;
     response(trace.master.get(settled)?, slave, trace.rate_hz, frequencies)
 }

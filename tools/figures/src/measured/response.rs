@@ -30,9 +30,9 @@ pub(super) struct Point {
 }
 
 /// Where the response is looked at.
-pub(super) enum Frequencies<'a> {
+pub(super) enum Frequencies {
     /// At lines, Hz.
-    Lines(&'a [f64]),
+    Lines(Vec<f64>),
     /// In bands from one frequency to another, Hz.
     Bands(f64, f64),
 }
@@ -51,7 +51,7 @@ pub(super) fn response(
     input: &[f64],
     output: &[f64],
     rate_hz: f64,
-    frequencies: &Frequencies<'_>,
+    frequencies: &Frequencies,
 ) -> Option<Vec<Point>> {
     let share = 2 * input.len().min(output.len()) / (LEAST_WINDOWS + 1);
     let length = share.min((WINDOW_S.1 * rate_hz) as usize) & !1;
@@ -161,7 +161,8 @@ mod tests {
     fn the_response_of_a_known_system_is_found() {
         let lines = [0.3, 0.7, 1.1, 1.9, 4.9, 7.9];
         let (input, output) = (sines(&lines, |_| (1.0, 0.0)), sines(&lines, lagged));
-        let found = response(&input, &output, RATE_HZ, &Frequencies::Lines(&lines)).unwrap();
+        let found =
+            response(&input, &output, RATE_HZ, &Frequencies::Lines(lines.to_vec())).unwrap();
         for (line, point) in lines.iter().zip(found) {
             let (gain, phase) = lagged(*line);
             assert!((point.gain / gain - 1.0).abs() < 0.01, "{point:?}, expected {gain}");
@@ -183,8 +184,10 @@ mod tests {
         // Noise of as much power as a line within a bin.
         let polluted: Vec<f64> =
             sines(&lines, lagged).iter().map(|value| value + 60.0 * noise()).collect();
-        let clean = response(&input, &sines(&lines, lagged), RATE_HZ, &Frequencies::Lines(&lines));
-        let found = response(&input, &polluted, RATE_HZ, &Frequencies::Lines(&lines)).unwrap();
+        let clean =
+            response(&input, &sines(&lines, lagged), RATE_HZ, &Frequencies::Lines(lines.to_vec()));
+        let found =
+            response(&input, &polluted, RATE_HZ, &Frequencies::Lines(lines.to_vec())).unwrap();
         for (point, clean) in found.iter().zip(clean.unwrap()) {
             assert!(point.coherence < 0.97, "{point:?}");
             assert!(point.gain_sd > 10.0 * clean.gain_sd);

@@ -5,10 +5,10 @@ use std::ops::Range;
 use anyhow::{Context as _, Result, bail};
 use identify::spectral::Spectrum;
 use lock_step::LockStepRig;
-use recorder::{AxisColumns, Samples};
+use recorder::{AxisColumns, Samples, rows_of};
 use rig::RigFile;
-use rig::protocol::Movement;
 use rig::protocol::trajectory::min_jerk;
+use rig::protocol::{Envelope, Movement};
 
 /// Corner above which the noise of the encoders is taken out of position and speed, Hz: a decade
 /// above a rhythm of the hand.
@@ -134,25 +134,23 @@ impl Trace {
         self.slave.as_deref().unwrap_or(&self.master)
     }
 
-    /// The samples from one time to another, s.
-    pub(super) fn between(&self, from_s: f64, to_s: f64) -> Range<usize> {
+    /// The samples between the fades of a movement.
+    pub(super) fn settled(&self, envelope: &Envelope) -> Range<usize> {
         let at = |time_s: f64| ((time_s * self.rate_hz) as usize).min(self.master.len());
-        at(from_s)..at(to_s).max(at(from_s))
+        let begin = at(envelope.fade_in_s);
+        begin..at(self.duration_s() - envelope.fade_out_s).max(begin)
     }
 }
 
 /// A column on an even grid of ticks: a sample that is missing, or not finite, is the one before.
 fn evenly(ticks: &[u64], values: &[f64]) -> Vec<f64> {
-    let mut even: Vec<f64> = Vec::with_capacity(ticks.len());
     let mut before = values.iter().copied().find(|value| value.is_finite()).unwrap_or(0.0);
-    let first = ticks.first().copied().unwrap_or(0);
-    for (tick, value) in ticks.iter().zip(values) {
-        let place = (tick - first) as usize;
-        even.resize(place, before);
-        before = if value.is_finite() { *value } else { before };
-        even.push(before);
-    }
-    even
+    let even = rows_of(ticks).map(|index| {
+        let value = index.and_then(|index| values.get(index)).copied();
+        before = value.filter(|value| value.is_finite()).unwrap_or(before);
+        before
+    });
+    even.collect()
 }
 
 /// Position and speed without noise.

@@ -60,10 +60,7 @@ pub(super) fn write(
     }
     let mut volumes = 0;
     table(run, file("physio.tsv.gz"), staged, |row, index, cells| {
-        cells.extend(inputs.iter().map(|at| match index {
-            Some(index) => number(run.samples.columns[*at][index]),
-            None => "n/a".to_owned(),
-        }));
+        cells.extend(inputs.iter().map(|at| number(run.value(*at, index))));
         if run.scan {
             let at_ns = run.time_of_row(row);
             volumes += run.volumes[volumes..].iter().take_while(|volume| **volume <= at_ns).count();
@@ -134,21 +131,31 @@ fn seen_by_subject(
     staged.json(file("stim.json"), &sidecar(run, &columns))
 }
 
-/// Writes a table: `cells` gets the number of the row, and the index of its sample.
+/// Writes a packed table, as [`write_rows`].
 fn table(
     run: &Run<'_>,
     file: PathBuf,
     staged: &mut Staged,
-    mut cells: impl FnMut(u64, Option<usize>, &mut Vec<String>),
+    cells: impl FnMut(u64, Option<usize>, &mut Vec<String>),
 ) -> anyhow::Result<()> {
     let mut packed = GzEncoder::new(staged.create(file)?, Compression::default());
+    write_rows(run, &mut packed, cells)?;
+    Ok(packed.finish()?.flush()?)
+}
+
+/// Writes the rows of a table: `cells` gets the number of each, and the index of its sample.
+pub(super) fn write_rows(
+    run: &Run<'_>,
+    out: &mut impl Write,
+    mut cells: impl FnMut(u64, Option<usize>, &mut Vec<String>),
+) -> anyhow::Result<()> {
     let mut row = Vec::new();
     for (number, index) in (0..).zip(run.indices()) {
         cells(number, index, &mut row);
-        writeln!(packed, "{}", row.join("\t"))?;
+        writeln!(out, "{}", row.join("\t"))?;
         row.clear();
     }
-    Ok(packed.finish()?.flush()?)
+    Ok(())
 }
 
 fn sidecar(run: &Run<'_>, columns: &[Column]) -> Value {
@@ -175,8 +182,7 @@ pub(super) fn indices(run: &Run<'_>, wanted: impl Fn(&Signal, &RigFile) -> bool)
 
 /// What an input of the card measures.
 pub(super) fn kind_of(rig: &RigFile, input: usize) -> ChannelKind {
-    let channel = rig.channels.iter().find(|channel| channel.index == input);
-    channel.map_or(ChannelKind::Other, |channel| channel.kind)
+    rig.channel_at(input).map_or(ChannelKind::Other, |channel| channel.kind)
 }
 
 fn column_of(run: &Run<'_>, at: usize) -> Column {

@@ -29,7 +29,7 @@ pub(super) fn check(folder: &Path) -> anyhow::Result<()> {
 }
 
 /// Adds what a dataset needs beside the files of a run.
-pub(super) fn describe(run: &Run<'_>, names: &Names, staged: &mut Staged) -> anyhow::Result<()> {
+pub(super) fn describe(run: &Run<'_>, names: &Names, staged: &mut Staged) {
     let about = json!({
         "Name": format!("Recordings of the rig {}", run.samples.rig.name),
         "BIDSVersion": BIDS_VERSION,
@@ -43,7 +43,6 @@ pub(super) fn describe(run: &Run<'_>, names: &Names, staged: &mut Staged) -> any
         staged.default("README.md", README.to_owned());
     }
     staged.row("participants.tsv", "participant_id", &format!("sub-{}", names.subject));
-    Ok(())
 }
 
 /// Adds what the rig file does not say of the electrodes, for the laboratory to complete.

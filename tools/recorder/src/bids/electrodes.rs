@@ -45,7 +45,7 @@ pub(super) fn write(run: &Run<'_>, names: &Names, staged: &mut Staged) -> anyhow
         "TaskDescription": run.description,
         "SamplingFrequency": run.rate_hz(),
         "RecordingType": "continuous",
-        "RecordingDuration": run.rows() as f64 / f64::from(run.rate_hz()),
+        "RecordingDuration": run.duration_s(),
         "StartTime": Run::seconds(run.first_ns, run.zero_ns),
         "SoftwareFilters": "n/a",
         "HardwareFilters": "n/a",
@@ -62,7 +62,7 @@ pub(super) fn write(run: &Run<'_>, names: &Names, staged: &mut Staged) -> anyhow
 
 fn channel_of<'a>(run: &'a Run<'_>, at: usize) -> Option<&'a Channel> {
     let Source::Analog(input, _) = run.samples.signals[at].source else { return None };
-    run.samples.rig.channels.iter().find(|channel| channel.index == input)
+    run.samples.rig.channel_at(input)
 }
 
 /// Name of a channel in the file: that of the rig file, where it fits.
@@ -75,11 +75,7 @@ fn label(channel: &Channel) -> String {
 fn row(channel: &Channel) -> String {
     let text = events::cell;
     let kind = if channel.kind == ChannelKind::Emg { "EMG" } else { "TRIG" };
-    let group = match channel.group {
-        Some(emg::Group::Agonist) => ", agonist",
-        Some(emg::Group::Antagonist) => ", antagonist",
-        None => "",
-    };
+    let group = channel.group.map_or_else(String::new, |group| format!(", {}", group.word()));
     format!(
         "{}\t{kind}\t{}\t{} at input {} of the card{group}\t{}",
         label(channel),
@@ -97,10 +93,6 @@ fn write_signals(
     staged: &mut Staged,
 ) -> anyhow::Result<()> {
     let labels: Vec<String> = channels.iter().map(|(_, channel)| label(channel)).collect();
-    let values = |at: usize| {
-        let column = &run.samples.columns[at];
-        run.indices().map(|index| index.map_or(f64::NAN, |index| column[index])).collect()
-    };
     let signals: Vec<BdfSignal<'_>> = channels
         .iter()
         .zip(&labels)
@@ -109,15 +101,15 @@ fn write_signals(
             unit: &channel.unit,
             transducer: &channel.muscle,
             range: channel.range_v * channel.per_v,
-            values: values(*at),
+            values: run.indices().map(|index| run.value(*at, index)).collect(),
         })
         .collect();
-    let mut annotations: Vec<BdfAnnotation> = events::told(run)
+    let mut annotations: Vec<BdfAnnotation> = events::rows(run)
         .into_iter()
-        .map(|event| BdfAnnotation {
-            onset_s: Run::seconds(event.at_ns, run.first_ns),
-            duration_s: Run::seconds(event.until_ns, event.at_ns),
-            text: event.text,
+        .map(|row| BdfAnnotation {
+            onset_s: Run::seconds(row.at_ns, run.first_ns),
+            duration_s: Run::seconds(row.until_ns, row.at_ns),
+            text: row.in_words(),
         })
         .collect();
     annotations.extend(missing(run));

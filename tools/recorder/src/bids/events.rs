@@ -3,29 +3,32 @@
 use std::io::Write;
 use std::path::Path;
 
-use ipc_types::{Event, EventKind, SessionOutcome};
+use ipc_types::{Event, EventKind};
 use serde_json::{Map, Value, json};
 
 use super::run::Run;
 use super::staged::Staged;
 use crate::ended_sessions::EndedSession;
-use crate::runs::segment_begun;
+use crate::runs::{segment_begun, segments_begun};
 
 /// A row of the table.
-struct Row<'a> {
-    at_ns: u64,
-    until_ns: u64,
+pub(super) struct Row<'a> {
+    pub(super) at_ns: u64,
+    pub(super) until_ns: u64,
     /// Kind of the segment or event.
     what: String,
     event: &'a Event,
     session: Option<&'a EndedSession>,
 }
 
-/// An event in words.
-pub(super) struct Told {
-    pub(super) at_ns: u64,
-    pub(super) until_ns: u64,
-    pub(super) text: String,
+impl Row<'_> {
+    /// What it is, with its name or text.
+    pub(super) fn in_words(self) -> String {
+        match self.event.text() {
+            "" => self.what,
+            text => format!("{}: {text}", self.what),
+        }
+    }
 }
 
 /// Events that are about the computers, not about the subject or the movement.
@@ -45,16 +48,13 @@ const fn is_about_computers(kind: EventKind) -> bool {
 }
 
 /// The rows in the order of time.
-fn rows<'a>(run: &'a Run<'_>) -> Vec<Row<'a>> {
-    let segments: Vec<(u32, &Event)> =
-        run.events.iter().filter_map(|event| Some((segment_begun(event)?, event))).collect();
-    let ends = segments.iter().skip(1).map(|(_, next)| next.time_ns).chain([run.ended_ns]);
+pub(super) fn rows<'a>(run: &'a Run<'_>) -> Vec<Row<'a>> {
     let mut rows: Vec<Row<'_>> = Vec::with_capacity(run.events.len());
-    for ((segment, event), until_ns) in segments.iter().zip(ends) {
-        let (at_ns, kind) = (event.time_ns, run.segment_kinds.get(*segment as usize));
+    for (segment, event, until_ns) in segments_begun(&run.events, run.ended_ns) {
+        let (at_ns, kind) = (event.time_ns, run.segment_kinds.get(segment as usize));
         let session = run.sessions.iter().find(|session| {
             let middle_ns = session.result.begun_ns.midpoint(session.result.ended_ns);
-            session.result.segment == *segment && (at_ns..until_ns).contains(&middle_ns)
+            session.result.segment == segment && (at_ns..until_ns).contains(&middle_ns)
         });
         let what =
             kind.map_or_else(|| cell(event.text()).replace(' ', "_"), |kind| (*kind).to_owned());
@@ -71,18 +71,6 @@ fn rows<'a>(run: &'a Run<'_>) -> Vec<Row<'a>> {
     }
     rows.sort_by_key(|row| (row.at_ns, row.event.source, row.event.sequence));
     rows
-}
-
-/// The rows in words.
-pub(super) fn told(run: &Run<'_>) -> Vec<Told> {
-    let tell = |row: Row<'_>| {
-        let text = match row.event.text() {
-            "" => row.what,
-            text => format!("{}: {text}", row.what),
-        };
-        Told { at_ns: row.at_ns, until_ns: row.until_ns, text }
-    };
-    rows(run).into_iter().map(tell).collect()
 }
 
 /// Writes table and sidecar, a file without extension; onsets are counted from `zero_ns`.
@@ -123,9 +111,8 @@ fn cells(row: &Row<'_>, groups: usize, zero_ns: u64) -> Vec<String> {
         cell(row.event.text()),
     ];
     let result = row.session.map(|session| &session.result);
-    let outcome = |code: u8| SessionOutcome::from_code(code).map_or("unknown", |o| o.text());
     cells.push(result.map_or_else(none, |result| result.number.to_string()));
-    cells.push(result.map_or_else(none, |result| outcome(result.outcome).to_owned()));
+    cells.push(row.session.map_or_else(none, |session| session.outcome().to_owned()));
     for group in 0..groups {
         cells.push(result.map_or_else(none, |result| number(result.value[group])));
     }

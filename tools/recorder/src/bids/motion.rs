@@ -4,7 +4,7 @@ use std::io::Write;
 
 use serde_json::json;
 
-use super::continuous::indices;
+use super::continuous::{indices, write_rows};
 use super::events::{self, number};
 use super::names::Names;
 use super::run::Run;
@@ -22,15 +22,9 @@ pub(super) fn write(run: &Run<'_>, names: &Names, staged: &mut Staged) -> anyhow
         return Ok(false);
     }
     let mut table = staged.create(names.tracking(SYSTEM, "motion.tsv"))?;
-    for index in run.indices() {
-        let cells: Vec<String> = positions
-            .iter()
-            .map(|at| {
-                index.map_or("n/a".to_owned(), |index| number(run.samples.columns[*at][index]))
-            })
-            .collect();
-        writeln!(table, "{}", cells.join("\t"))?;
-    }
+    write_rows(run, &mut table, |_, index, cells| {
+        cells.extend(positions.iter().map(|at| number(run.value(*at, index))));
+    })?;
     table.flush()?;
     let mut channels = staged.create(names.tracking(SYSTEM, "channels.tsv"))?;
     let header = "name\tcomponent\ttype\ttracked_point\tunits\tplacement\tdescription";
@@ -48,7 +42,7 @@ pub(super) fn write(run: &Run<'_>, names: &Names, staged: &mut Staged) -> anyhow
         "TrackingSystemName": SYSTEM,
         "SamplingFrequency": run.rate_hz(),
         "SamplingFrequencyEffective": run.effective_hz(),
-        "RecordingDuration": run.rows() as f64 / f64::from(run.rate_hz()),
+        "RecordingDuration": run.duration_s(),
         "MissingValues": "n/a",
         "MotionChannelCount": positions.len(),
         "JNTANGChannelCount": angles,

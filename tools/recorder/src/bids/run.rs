@@ -7,9 +7,8 @@ use recording::mcap_write::key;
 use rig::protocol::Protocol;
 
 use crate::ended_sessions::{EndedSession, ended_sessions};
-use crate::recorded_events::recorded_events;
 use crate::runs::Stretch;
-use crate::samples::Samples;
+use crate::samples::{Samples, rows_of};
 use crate::volumes::volume_times;
 
 /// Longest gap between two samples that is filled with rows (s).
@@ -47,7 +46,7 @@ impl<'a> Run<'a> {
     /// Where the stretch has no samples, or that volume was not counted.
     pub(super) fn read(
         recording: &'a Recording,
-        stretch: &Stretch<'a>,
+        stretch: Stretch<'a>,
         first_volume: Option<u64>,
     ) -> anyhow::Result<Self> {
         let samples = Samples::read(recording, stretch.times_ns.clone())?;
@@ -93,7 +92,7 @@ impl<'a> Run<'a> {
             protocol: stretch.protocol,
             protocol_text: stretch.protocol_text,
             description: protocol.map_or_else(String::new, |protocol| protocol.description),
-            events: recorded_events(recording, stretch.times_ns.clone())?,
+            events: stretch.events,
             sessions: all
                 .filter(|session| stretch.times_ns.contains(&session.result.begun_ns))
                 .collect(),
@@ -137,12 +136,17 @@ impl<'a> Run<'a> {
 
     /// For each row of an even table the index of its sample; `None` where it is missing.
     pub(super) fn indices(&self) -> impl Iterator<Item = Option<usize>> {
-        let mut next = 0;
-        (self.first_tick..).take(self.rows() as usize).map(move |tick| {
-            let found = self.samples.ticks.get(next) == Some(&tick);
-            next += usize::from(found);
-            found.then(|| next - 1)
-        })
+        rows_of(&self.samples.ticks)
+    }
+
+    /// A signal in a row; NaN where the sample is missing.
+    pub(super) fn value(&self, signal: usize, index: Option<usize>) -> f64 {
+        index.map_or(f64::NAN, |index| self.samples.columns[signal][index])
+    }
+
+    /// From the first row to the end of the last one (s).
+    pub(super) fn duration_s(&self) -> f64 {
+        self.rows() as f64 / f64::from(self.rate_hz())
     }
 
     /// When the sample of a row was to be taken (ns, CLOCK_MONOTONIC).

@@ -140,13 +140,7 @@ impl Staged {
             let name = || format!("{}: cannot write", path.display());
             let folder = path.parent().unwrap_or(Path::new("."));
             made.folder(folder).with_context(name)?;
-            let mut file = tempfile::Builder::new()
-                .prefix(APART)
-                .permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666))
-                .tempfile_in(folder)
-                .with_context(name)?;
-            file.write_all(contents.as_bytes()).with_context(name)?;
-            file.as_file().sync_all().with_context(name)?;
+            let file = files::written(&path, contents.as_bytes()).with_context(name)?;
             written.push((path, file));
         }
         Ok(written)

@@ -115,16 +115,7 @@ pub fn write_samples(
         writer.write_message(&topic, &event).unwrap();
     }
     for index in (0..VOLUMES).filter(|_| scan) {
-        let mut volume = Volume {
-            index,
-            at_ns: FIRST_VOLUME_NS + index * REPETITION_NS,
-            expected: VOLUMES,
-            volumes: index + 1,
-            repetition_s: 0.75,
-            source: VolumeSource::Pulse.code(),
-            ..Volume::default()
-        };
-        volume.stamp(11, 44, index, volume.at_ns + 900_000);
+        let volume = volume(index, FIRST_VOLUME_NS + index * REPETITION_NS);
         writer.write_message(&VOLUME, &volume).unwrap();
     }
     for update in 0..100u32 {
@@ -148,6 +139,19 @@ pub fn write_samples(
     result.stamp(11, 44, 0, result.ended_ns);
     writer.write_message(&SESSION, &result).unwrap();
     writer.finish(&[]).unwrap();
+}
+
+/// A volume that the protocol counted.
+pub fn volume(index: u64, at_ns: u64) -> Volume {
+    let mut volume = Volume {
+        index,
+        at_ns,
+        volumes: index + 1,
+        source: VolumeSource::Pulse.code(),
+        ..Volume::default()
+    };
+    volume.stamp(11, 44, index, at_ns + 900_000);
+    volume
 }
 
 /// What the subject saw at an update of the session.
