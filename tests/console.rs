@@ -12,7 +12,7 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 
 use chromiumoxide::Browser;
-use ipc_types::{Event, EventKind};
+use ipc_types::{Event, EventKind, SCANNER_KEY, ScannerPulse};
 use recording::mcap_read::Recording;
 use serde_json::Value;
 
@@ -85,6 +85,8 @@ async fn choose(operator: &Tab, protocol: &str) {
         ("scanner.repetition_s", "1"),
     ];
     set(operator, &shortest).await;
+    let emulated = "(pulses.value = 'emulated', pulses.onchange(), true)";
+    operator.value::<bool>(emulated).await;
     operator.fill("#emulate", "1").await;
 }
 
@@ -234,6 +236,7 @@ fn an_operator_runs_a_force_matching_experiment_in_a_browser() {
 
         home(&operator).await;
         let subject = Tab::open(&browser, &subject_page).await;
+        subject.click("#sound").await;
         let mut files = String::new();
         for attempt in 1..=ATTEMPTS {
             files = format!("S{attempt}_");
@@ -252,6 +255,8 @@ fn an_operator_runs_a_force_matching_experiment_in_a_browser() {
         operator.fill("#text", "Lampe über dem Gerät aus").await;
         operator.click("[data-do='note']").await;
         operator.wait(SHORT, "document.querySelector('#answer').textContent === 'noted'").await;
+        build_what_was_stopped(&operator).await;
+        press_the_scanners_key(&operator).await;
         check_access(&browser, &operator, &operator_page).await;
     });
     rig.ok(["rec", "stop"]);
@@ -267,7 +272,46 @@ fn an_operator_runs_a_force_matching_experiment_in_a_browser() {
     assert!(has(EventKind::FrameDelay, "subject page"), "the delay of the frames is not recorded");
     assert!(has(EventKind::ClockMeasured, "operator"), "no page's clock is recorded");
     assert!(has(EventKind::ControlTaken, "from page"), "that control was taken is not recorded");
+    assert!(has(EventKind::SoundPlayed, "session started"), "no sound is recorded");
+    assert!(has(EventKind::InstructionShown, "No force"), "no instruction is recorded");
+    let typed: Vec<ScannerPulse> = messages(&recording, SCANNER_KEY.topic.name);
+    assert!(!typed.is_empty(), "no key is recorded");
     rig.down();
+}
+
+/// Reads the experiment that was stopped in its second session, ready to be continued.
+async fn build_what_was_stopped(operator: &Tab) {
+    operator.fill("#files", "C_").await;
+    operator.click("#interrupted").await;
+    let ready = "document.querySelector('#answer').textContent.includes('goes on after session 1')";
+    operator.wait(SHORT, ready).await;
+    operator.wait(SHORT, "document.querySelectorAll('#timeline div').length >= 5").await;
+}
+
+/// Plays a protocol that takes its pulses from the key 5, and presses it in a field for text.
+async fn press_the_scanners_key(operator: &Tab) {
+    let chosen = "(protocol.value = 'block-design', protocol.onchange(), \
+                  pulses.value = 'key', pulses.onchange(), true)";
+    for _ in 0..ATTEMPTS {
+        arm(operator).await;
+        operator.value::<bool>(chosen).await;
+        let described = "document.querySelector('[data-path=\"scanner.repetition_s\"] input')";
+        operator.wait(SHORT, described).await;
+        start(operator, "").await;
+        let note = operator.0.find_element("#text").await.unwrap();
+        note.focus().await.unwrap().press_key("5").await.unwrap();
+        let counted = "/^1 .*volumes, key 5/.test(document.querySelector('#scanner').textContent)";
+        operator.wait(LONG, &format!("{TRIPPED} || {counted}")).await;
+        let typed: String = operator.value("document.querySelector('#text').value").await;
+        assert_eq!(typed, "", "a field got the character");
+        let tripped = operator.value::<bool>(TRIPPED).await;
+        operator.click("#stop").await;
+        if !tripped {
+            operator.wait(LONG, &note_has("was stopped")).await;
+            return;
+        }
+    }
+    panic!("no key was counted");
 }
 
 /// A page without the token watches; a second one with it may stop, and take control.

@@ -12,7 +12,10 @@ use std::process::Command;
 use std::time::Duration;
 
 use futures_util::SinkExt as _;
-use ipc_types::{EXPERIMENT_COMMANDS, Event, EventKind, ExperimentAnswer, ExperimentRequest};
+use ipc_types::{
+    EXPERIMENT_COMMANDS, Event, EventKind, ExperimentAnswer, ExperimentRequest, SCANNER_KEY,
+    ScannerPulse,
+};
 use recording::mcap_read::Recording;
 use rustix::thread::{LinkNameSpaceType, move_into_link_name_space};
 use serde_json::{Value, json};
@@ -123,15 +126,33 @@ impl Page {
         self.next(|value| value["type"] == "answer" && value["id"] == id).await["answer"].take()
     }
 
-    /// Takes control and starts a movement of 20 s.
-    async fn start(&mut self) {
+    /// Takes control, starts a movement of 20 s, and presses the key 5 three times; when it did
+    /// (ns, CLOCK_MONOTONIC).
+    async fn start(&mut self) -> Vec<u64> {
         assert_eq!(self.ask(json!({"do": "take-control"})).await["ok"], true);
         let entries = json!({"segments.0.duration_s": "20"});
-        let setup = json!({"do": "build", "protocol": "guided-1hz", "entries": entries});
+        let (protocol, scanner) = ("guided-1hz", "key");
+        let setup = json!({"do": "build", "protocol": protocol, "entries": entries,
+            "scanner": scanner});
         let built = self.ask(setup).await;
         assert_eq!(built["ok"], true, "{built}");
         let started = self.ask(json!({"do": "start", "build": built["data"]["build"]})).await;
         assert_eq!(started["ok"], true, "{started}");
+        // The console knows this page's clock by now.
+        self.next(|value| value["type"] == "clock").await;
+        let mut pressed = Vec::new();
+        for _ in 0..3 {
+            let at_ns = runtime::clock::now_ns();
+            let page_ms = at_ns as f64 * 1e-6 + AHEAD_MS;
+            let counted = self.ask(json!({"do": "pulse", "page_ms": page_ms})).await;
+            assert_eq!(counted["ok"], true, "{counted}");
+            pressed.push(at_ns);
+        }
+        // By another clock it was pressed twenty minutes ago.
+        let page_ms = runtime::clock::now_ns() as f64 * 1e-6;
+        let refused = self.ask(json!({"do": "pulse", "page_ms": page_ms})).await;
+        assert!(refused["text"].as_str().unwrap().contains("ago by the clock"), "{refused}");
+        pressed
     }
 }
 
@@ -174,10 +195,12 @@ fn a_page_on_a_second_computer_controls_a_rig_that_needs_no_link() {
         asked.is_ok_and(|status| status.running)
     };
     let mut outlived = false;
+    let mut pressed = Vec::new();
     // A loaded host may trip the rig, rightly: that says nothing of the link.
     for _ in 0..4 {
         rig.power_up();
-        over_there(&link.page, async || Page::open(host, token).await.start().await);
+        pressed
+            .extend(over_there(&link.page, async || Page::open(host, token).await.start().await));
         // The page is gone by now, and its computer soon after.
         link.set("down");
         std::thread::sleep(Duration::from_secs(6));
@@ -206,6 +229,12 @@ fn a_page_on_a_second_computer_controls_a_rig_that_needs_no_link() {
     let clocks: Vec<&Event> =
         events.iter().filter(|event| event.kind == EventKind::ClockMeasured.code()).collect();
     assert!(!clocks.is_empty());
+    let keys: Vec<ScannerPulse> = messages(&recording, SCANNER_KEY.topic.name);
+    assert_eq!(keys.len(), pressed.len());
+    for (key, pressed_ns) in keys.iter().zip(pressed) {
+        let error_s = (key.at_ns as f64 - pressed_ns as f64) * 1e-9;
+        assert!(error_s.abs() < 0.5, "{error_s} s of {AHEAD_MS} ms");
+    }
     for clock in clocks {
         // Off by half of the round trip at most.
         let error_s = clock.b - AHEAD_MS * 1e-3;

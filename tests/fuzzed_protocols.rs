@@ -7,7 +7,8 @@ mod common;
 use std::time::Duration;
 
 use ipc_types::{
-    EXPERIMENT_COMMANDS, ExperimentAnswer, ExperimentRequest, Mode, MotorCommand, Sample,
+    EXPERIMENT_COMMANDS, ExperimentAnswer, ExperimentRequest, Mode, MotorCommand, PulseSource,
+    Sample,
 };
 use recording::mcap_read::Recording;
 use rig::protocol::{Movement, Protocol};
@@ -133,14 +134,14 @@ fn what_is_refused_moves_no_motor() {
         let name = "broken.toml".to_owned();
         let read = Protocol::parse(&protocol, &name);
         let fits = read.is_ok_and(|protocol| protocol.check_against(&declared).is_ok());
-        let emulate_scanner_s = None;
+        let pulses = PulseSource::Line;
         if fits {
             // It could be played: that is another test.
-            let answer = ask(&ExperimentRequest::Check { protocol, name, emulate_scanner_s });
+            let answer = ask(&ExperimentRequest::Check { protocol, name, pulses });
             assert!(!answer.running, "{answer:?}");
             continue;
         }
-        let run = ExperimentRequest::Run { protocol, name, client: number, emulate_scanner_s };
+        let run = ExperimentRequest::Run { protocol, name, client: number, pulses };
         let answer = ask(&run);
         assert!(!answer.running && !answer.error.is_empty(), "{answer:?}");
         assert!(!answer.error.contains("root:"), "it shows a file of the machine");

@@ -4,13 +4,15 @@
 
 mod common;
 
+use std::io::Write as _;
 use std::path::Path;
+use std::process::Stdio;
 use std::time::Duration;
 
 use acquisition::Trigger;
 use ipc_types::{
-    Event, EventKind, LineEvent, Process, SAMPLE, SCANNER, Sample, ScannerPulse, VOLUME, Volume,
-    VolumeSource, event_topic,
+    Event, EventKind, LineEvent, Process, SAMPLE, SCANNER, SCANNER_KEY, Sample, ScannerPulse,
+    VOLUME, Volume, VolumeSource, event_topic,
 };
 use recording::mcap_read::Recording;
 use rig::RigFile;
@@ -192,6 +194,57 @@ fn a_wait_without_a_scanner_ends_and_an_emulated_one_takes_its_place() {
     assert!(ended.status.success(), "{}", told(&ended));
     let refused = rig.run(["run", "--from", &file, "--emulate-scanner", "0.001"]);
     assert_told(&refused, &["--emulate-scanner", "expected a repetition time from 0.02 to 60 s"]);
+    rig.down();
+}
+
+/// Types a 5 every half second, and other keys between, until the program has ended.
+fn type_keys(run: &mut std::process::Child) {
+    let mut input = run.stdin.take().unwrap();
+    while run.try_wait().unwrap().is_none() {
+        // It may have ended meanwhile.
+        let _typed = input.write_all(b"x5 \n");
+        std::thread::sleep(Duration::from_millis(500));
+    }
+}
+
+#[test]
+fn keys_typed_at_the_terminal_are_the_scanners_pulses() {
+    let rig = TestRig::patient("scanner-key");
+    let rig_file = write_rig(&rig, &[]);
+    let protocol = write_protocol(&rig);
+    let file = rig.path("keys.mcap").to_str().unwrap().to_owned();
+    rig.ok(["up", "--simulate", "--rig", &rig_file, "--record", &file]);
+    // A thread that types is as late as the host makes it.
+    let arguments = ["run", &protocol, "--scanner-key", "--set", "scanner.tolerance_s=0.12"];
+    let mut last = String::new();
+    let ended = (0..20).any(|_| {
+        let _disarmed = rig.run(["disarm"]);
+        rig.power_up();
+        let mut run = rig.farreach(arguments);
+        run.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
+        let mut run = run.spawn().unwrap();
+        type_keys(&mut run);
+        last = told(&run.wait_with_output().unwrap());
+        assert!(last.contains("completed") || last.contains("tripped"), "{last}");
+        last.contains("completed")
+    });
+    assert!(ended, "{last}");
+    let elsewhere = rig.run(["run", &protocol, "--scanner-key", "--emulate-scanner", "1"]);
+    assert_told(&elsewhere, &["cannot be used with"]);
+    rig.ok(["rec", "stop"]);
+    let recording = Recording::open(Path::new(&file)).unwrap();
+    let keys: Vec<ScannerPulse> = messages(&recording, SCANNER_KEY.topic.name);
+    let volumes: Vec<Volume> = messages(&recording, VOLUME.topic.name);
+    let key = VolumeSource::Key.code();
+    let typed: Vec<&Volume> = volumes.iter().filter(|volume| volume.source == key).collect();
+    // 1 s of start-up, 6 s of steps and 2 s of rest.
+    assert!(typed.len() >= 15, "{} of {} keys: {last}", typed.len(), keys.len());
+    for volume in typed {
+        assert!(keys.iter().any(|key| key.at_ns == volume.at_ns), "{volume:?}");
+    }
+    let listed = rig.ok(["rec", "volumes", &file]);
+    assert!(listed.contains("(key 5)"), "{listed}");
+    rig.ok(["rec", "volumes", &file, "--repetition", "0.5"]);
     rig.down();
 }
 

@@ -127,7 +127,7 @@ fn the_bars_of_an_emg_experiment_are_the_activity_of_the_recorded_electrodes() {
     let (electrodes, rate_hz) = (rig_file.electrodes(), f64::from(rig_file.rates.acquisition_hz));
     let mut muscles = MuscleActivity::new(&electrodes, &rig_file.emg, rate_hz).unwrap();
     let activity: Vec<[f64; 2]> =
-        samples.iter().map(|sample| muscles.update(&sample.analog_v, None)).collect();
+        samples.iter().map(|sample| muscles.update(&sample.analog_v, None).activity).collect();
     let mean = |group: usize, from_ns: u64, to_ns: u64| {
         let begin = samples.partition_point(|sample| sample.scan_time_ns < from_ns);
         let end = samples.partition_point(|sample| sample.scan_time_ns < to_ns);

@@ -26,6 +26,8 @@ pub struct Capabilities {
     pub fifo_depth: usize,
     /// Whether volts can be written.
     pub accepts_output: bool,
+    /// Digital outputs that are free for signals to other instruments.
+    pub digital_outputs: u32,
     /// Whether the outputs hold their last value when the process that wrote them dies.
     pub holds_on_exit: bool,
     /// Who drives the edges of the enable line; `None` for a card that does not drop the motor by
@@ -51,6 +53,7 @@ impl CardKind {
         let none = Capabilities {
             fifo_depth: 512,
             accepts_output: false,
+            digital_outputs: 0,
             holds_on_exit: false,
             enable_line: None,
             real: false,
@@ -59,6 +62,7 @@ impl CardKind {
             Self::Simulated => Capabilities {
                 fifo_depth: CARD_FIFO,
                 accepts_output: true,
+                digital_outputs: 8,
                 holds_on_exit: true,
                 enable_line: Some(LineDriver::Watchdog),
                 ..none

@@ -305,6 +305,22 @@ codes! {
         /// From the instant that a bar shows to the frame of a page that shows it: `a` the page's
         /// number, `b` the median, `c` the longest of the latest frames (s).
         FrameDelay = 34, "delay of a page's frames";
+        /// The digital output gave a pulse for the beginning of a session, or, as the text then
+        /// says, gave none: `a` the session's number, `b` how long after its beginning (s), `c` the
+        /// output.
+        SyncPulse = 35, "sync pulse";
+        /// A segment begins with an instruction of the protocol for the subject: the text.
+        Instruction = 36, "instruction";
+        /// A segment begins with a sound: `a` the Sound, also in the text.
+        Sound = 37, "sound";
+        /// What the subject's page shows as instruction from now on: the text.
+        InstructionShown = 38, "instruction shown";
+        /// A page made a sound: `a` its number, `b` how long after the event that the text names
+        /// (s).
+        SoundPlayed = 39, "sound played";
+        /// The maxima of the muscles' activity that a protocol has measured were saved under the
+        /// name in the text, or, as it then says, not: `a` how many electrodes have one.
+        MaximaSaved = 40, "maxima saved";
     }
 
     /// How a session ended.
@@ -315,6 +331,16 @@ codes! {
         Stopped = 1, "stopped";
         /// It is begun again, after a pause.
         Interrupted = 2, "interrupted";
+    }
+
+    /// A sound for the subject.
+    Sound {
+        /// A high tone.
+        High = 0, "high";
+        /// A tone between the two.
+        Middle = 1, "middle";
+        /// A low tone.
+        Low = 2, "low";
     }
 
     /// The subject's light.
@@ -345,6 +371,8 @@ codes! {
         Emulated = 2, "emulated";
         /// The gate is open: the repetition time has passed since the last one.
         Gate = 3, "gate";
+        /// The key 5, as the scanner's trigger box types it.
+        Key = 4, "key";
     }
 }
 

@@ -2,7 +2,7 @@
 //! the others.
 
 use crate::message::messages;
-use crate::{AXES, BARS};
+use crate::{ANALOG, AXES, BARS};
 
 messages! {
     /// A volume of the scan that a protocol counts; again when a count changes before the next one,
@@ -110,5 +110,27 @@ messages! {
         bars: u8,
         /// none
         reserved: [u8; 2],
+    }
+
+    /// Maxima of the muscles' activity: measured in a contraction, or taken from an earlier
+    /// measurement by a protocol that uses them.
+    EmgMaximum v1 {
+        /// when the contraction began; when the protocol began that uses them [ns, CLOCK_MONOTONIC]
+        begun_ns: u64,
+        /// when the contraction ended; as `begun_ns` for those that are used [ns, CLOCK_MONOTONIC]
+        ended_ns: u64,
+        /// largest mean over 0.5 s of the rectified signal at each input of the card, in the unit
+        /// of its channel; 0 where there is none
+        maximum: [f64; ANALOG],
+        /// index of the segment
+        segment: u32,
+        /// number of the session, from 1
+        number: u32,
+        /// inputs that have one, one bit each
+        inputs: u16,
+        /// 1 where the activity of the protocol is a share of them; 0 where they were measured
+        used: u8,
+        /// none
+        reserved: [u8; 5],
     }
 }

@@ -18,6 +18,7 @@ mod codes;
 mod experiment_types;
 mod message;
 mod process;
+mod pulse_source;
 mod requests;
 mod sequence;
 mod topics;
@@ -31,6 +32,7 @@ pub use message::{
     CDR_HEADER, Code, Field, Message, Primitive, TypeVisitor, Value, schema_comment,
 };
 pub use process::*;
+pub use pulse_source::*;
 pub use requests::*;
 pub use sequence::{Arrival, SequenceTracker};
 pub use topics::*;

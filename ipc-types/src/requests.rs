@@ -5,6 +5,7 @@ use std::fmt;
 use serde::{Deserialize, Serialize};
 
 use crate::codes::codes;
+use crate::pulse_source::PulseSource;
 
 codes! {
     /// The operator's verbs. Their words are those of the command line.
@@ -79,7 +80,7 @@ pub enum ExperimentRequest {
         /// File name, for messages.
         name: String,
         /// As in [`ExperimentRequest::Run`].
-        emulate_scanner_s: Option<f64>,
+        pulses: PulseSource,
     },
     /// Plays a protocol for as long as its client renews the lease.
     Run {
@@ -89,13 +90,29 @@ pub enum ExperimentRequest {
         name: String,
         /// Number that the client chose for itself.
         client: u64,
-        /// Repetition time of an emulated scanner, which takes the place of the trigger line (s).
-        emulate_scanner_s: Option<f64>,
+        /// Where the scanner's pulses come from.
+        pulses: PulseSource,
+    },
+    /// A pulse of the scanner, typed as the key 5. Refused where the protocol takes its pulses from
+    /// elsewhere, and where another client's protocol is running.
+    Pulse {
+        /// Number from [`ExperimentRequest::Run`].
+        client: u64,
+        /// When the key was pressed [ns, CLOCK_MONOTONIC].
+        at_ns: u64,
     },
     /// Renews the client's lease on its protocol, and asks for the status. Refused where another
     /// client's protocol is running.
     Renew {
         /// Number from [`ExperimentRequest::Run`].
+        client: u64,
+    },
+    /// Asks which protocol was interrupted, and why it could not be continued now, if so.
+    Interrupted,
+    /// Plays the protocol that was interrupted, from the beginning of the segment in which it was,
+    /// as [`ExperimentRequest::Run`] does.
+    Continue {
+        /// Number that the client chose for itself.
         client: u64,
     },
     /// Ends the protocol: the handle comes to rest and is held for a moment, then the volts go to
@@ -133,8 +150,25 @@ pub struct ExperimentAnswer {
     pub scan: Option<ScanProgress>,
     /// The sessions so far; `None` for a protocol without.
     pub sessions: Option<SessionProgress>,
+    /// The protocol that was interrupted; in the answer to [`ExperimentRequest::Interrupted`] only.
+    pub interrupted: Option<InterruptedRun>,
     /// What went wrong; empty where nothing did.
     pub error: String,
+}
+
+/// A protocol with sessions that did not run to its end.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct InterruptedRun {
+    /// Its name, as it was run.
+    pub name: String,
+    /// Its text.
+    pub protocol: String,
+    /// Index of the segment in which it was interrupted.
+    pub segment: u32,
+    /// Sessions that ran to their end.
+    pub sessions_over: u32,
+    /// Where its scanner's pulses come from.
+    pub pulses: PulseSource,
 }
 
 /// The sessions of a protocol so far.

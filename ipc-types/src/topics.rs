@@ -4,9 +4,9 @@ use std::marker::PhantomData;
 
 use crate::process::{PROCESS_TOPICS, ProcessTopic, ProcessTopicKind};
 use crate::{
-    CARD_FIFO, CardOutput, CardScan, ClockSync, EnableLine, EnableToken, Event, Field, Heartbeat,
-    HomeOrder, LoopTiming, LossCounters, Message, MotorCommand, Performance, Process, Sample,
-    ScannerPulse, SessionResult, Setpoint, Volume,
+    CARD_FIFO, CardOutput, CardScan, ClockSync, EmgMaximum, EnableLine, EnableToken, Event, Field,
+    Heartbeat, HomeOrder, LoopTiming, LossCounters, Message, MotorCommand, Performance, Process,
+    Sample, ScannerPulse, SessionResult, Setpoint, SyncOrder, Volume,
 };
 
 /// How often a topic is published.
@@ -122,10 +122,16 @@ pub const SETPOINT: TypedTopic<Setpoint> =
 /// Zeros that homing has found; no history, so that an old one never sets a new acquisition's zero.
 pub const HOME_ORDER: TypedTopic<HomeOrder> =
     topic("home_order", Process::Experiment, Rate::Sporadic, 16, 0);
+/// Sessions that begin, for the pulse on a digital output; no history, so that none has two.
+pub const SYNC_ORDER: TypedTopic<SyncOrder> =
+    topic("sync_order", Process::Experiment, Rate::Sporadic, 16, 0);
 /// What happens on the scanner's trigger line; the history lets an experiment process that is
 /// started again count the volumes since the beginning of its segment.
 pub const SCANNER: TypedTopic<ScannerPulse> =
     topic("scanner", Process::Acquisition, Rate::Sporadic, 256, 256);
+/// Pulses of the scanner that were typed as the key 5; no history, so that none counts twice.
+pub const SCANNER_KEY: TypedTopic<ScannerPulse> =
+    topic("scanner_key", Process::Experiment, Rate::Sporadic, 64, 0);
 /// The volumes that a protocol counts.
 pub const VOLUME: TypedTopic<Volume> = topic("volume", Process::Experiment, Rate::Sporadic, 256, 1);
 /// Sums of effort and the subject's bar, in a protocol that has sessions.
@@ -134,6 +140,9 @@ pub const PERFORMANCE: TypedTopic<Performance> =
 /// Sessions that have ended.
 pub const SESSION: TypedTopic<SessionResult> =
     topic("session", Process::Experiment, Rate::Sporadic, 16, 16);
+/// Maxima of the muscles' activity.
+pub const EMG_MAXIMUM: TypedTopic<EmgMaximum> =
+    topic("emg_maximum", Process::Experiment, Rate::Sporadic, 16, 16);
 /// The logger's loss counters.
 pub const LOSS: TypedTopic<LossCounters> = topic("loss", Process::Logger, Rate::Hertz(1), 256, 0);
 /// The logger's measurement of the wall clock.
@@ -156,6 +165,9 @@ const OWN: &[(usize, Topic)] = &[
     (24, VOLUME.topic),
     (25, PERFORMANCE.topic),
     (26, SESSION.topic),
+    (29, SCANNER_KEY.topic),
+    (30, SYNC_ORDER.topic),
+    (31, EMG_MAXIMUM.topic),
 ];
 
 /// A topic that several processes have.

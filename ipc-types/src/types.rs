@@ -7,7 +7,7 @@ use crate::{ANALOG, AXES, MATRIX, TABLES, TEXT};
 
 messages! {
     /// One scan of the card, converted, with what the gate wrote: the rig's main signal.
-    Sample v2 {
+    Sample v3 {
         /// tick of the acquisition grid at which the card took the scan (monotonic ns / period)
         tick: u64,
         /// when the card took the scan [ns, CLOCK_MONOTONIC]
@@ -54,6 +54,8 @@ messages! {
         cycles_missed: u64,
         /// digital inputs, one bit each
         digital_in: u32,
+        /// digital outputs when the card took this scan, one bit each
+        digital_out: u32,
         /// analog channels present, one bit each
         analog_present: u16,
         /// axes of the rig
@@ -79,7 +81,7 @@ messages! {
         /// axes whose positions are absolute, one bit each
         homed: u8,
         /// none
-        reserved: [u8; 7],
+        reserved: [u8; 3],
     }
 
     /// Volts for the motors, from control.
@@ -171,7 +173,7 @@ messages! {
 
     /// One scan from the simulated card's FIFO, from card to acquisition; recorded as evidence of
     /// what the motor really got.
-    CardScan v1 {
+    CardScan v2 {
         /// tick of the acquisition grid
         tick: u64,
         /// when the card took the scan [ns, CLOCK_MONOTONIC]
@@ -196,6 +198,8 @@ messages! {
         line_age_ns: u64,
         /// digital inputs, one bit each
         digital_in: u32,
+        /// digital outputs, one bit each
+        digital_out: u32,
         /// 1 while the enable line is alive
         motor_power: u8,
         /// axes of the rig
@@ -203,15 +207,19 @@ messages! {
         /// Profile that the simulator was granted
         profile: u8 = Profile,
         /// none
-        reserved: u8,
+        reserved: [u8; 5],
     }
 
-    /// Volts that acquisition writes to the simulated card.
-    CardOutput v1 {
+    /// What acquisition writes to the simulated card.
+    CardOutput v2 {
         /// volts for the DACs (V)
         volts: [f64; AXES],
         /// highest tick that acquisition has taken out of the FIFO and published
         taken_tick: u64,
+        /// digital outputs, one bit each
+        digital_out: u32,
+        /// none
+        reserved: u32,
     }
 
     /// Where the handle shall go, from the experiment or the operator; holds until its lease
@@ -292,14 +300,24 @@ messages! {
         reserved: [u8; 7],
     }
 
-    /// Something happened on the scanner's trigger line.
-    ScannerPulse v1 {
-        /// when the line crossed into its new state, interpolated between two scans [ns,
-        /// CLOCK_MONOTONIC]
+    /// A session begins: the experiment asks acquisition for a pulse on the rig's digital output.
+    SyncOrder v1 {
+        /// when the session began [ns, CLOCK_MONOTONIC]
         at_ns: u64,
-        /// tick of the scan that showed it
+        /// number of the session, from 1
+        number: u32,
+        /// index of the protocol's segment
+        segment: u32,
+    }
+
+    /// Something happened on the scanner's trigger line, or the key 5 was typed for a pulse.
+    ScannerPulse v1 {
+        /// when the line crossed into its new state, interpolated between two scans, or when the
+        /// key was pressed [ns, CLOCK_MONOTONIC]
+        at_ns: u64,
+        /// tick of the scan that showed it; 0 for the key
         tick: u64,
-        /// pulses since this acquisition began
+        /// pulses since this acquisition began, or this experiment process for the key
         pulses: u64,
         /// levels since this acquisition began that were too short for a pulse
         glitches: u64,

@@ -72,6 +72,11 @@ impl TestRig {
         self.directory.path().join(file)
     }
 
+    /// Folder of what the rig keeps beyond its own life.
+    pub fn learnt(&self) -> PathBuf {
+        self.path("learnt")
+    }
+
     /// The binary, with the rig's name in its environment.
     pub fn farreach<I: AsRef<std::ffi::OsStr>>(
         &self,
@@ -79,6 +84,8 @@ impl TestRig {
     ) -> Command {
         let mut command = farreach();
         command.env("FARREACH_RIG_NAME", self.name.as_str()).args(arguments).stdin(Stdio::null());
+        // What outlasts a rig shall not outlast its test.
+        command.env("FARREACH_LEARNT", self.learnt());
         // Set here, so that the keeper of each rig need not measure.
         command.env("FARREACH_PROFILE", self.profile.text());
         command

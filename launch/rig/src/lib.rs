@@ -45,6 +45,7 @@ mod simulated_scanner;
 mod simulation;
 mod siso_parameters;
 mod stability_model;
+mod sync_output;
 mod torque_channel;
 
 pub use axis::Axis;
@@ -70,6 +71,7 @@ pub use scanner_line::{ScannerInput, ScannerLine};
 pub use simulated_scanner::DIGITAL_HIGH_V;
 pub use simulation::{Hand, HandKind, Simulation};
 pub use siso_parameters::is_rotary;
+pub use sync_output::SyncOutput;
 pub use torque_channel::TorqueChannel;
 
 #[cfg(test)]

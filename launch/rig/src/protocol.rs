@@ -21,6 +21,7 @@ mod field_check;
 mod field_stability;
 mod matching;
 mod matrix;
+mod maxima;
 mod movement;
 mod overrides;
 mod scan;
@@ -40,6 +41,7 @@ pub use entries::{Entry, entries};
 pub use field::Field;
 pub use matching::{Matching, Signal};
 pub use matrix::{MATRIX_AXES, Matrix};
+pub use maxima::MuscleMaxima;
 pub use movement::*;
 pub use overrides::with_overrides;
 pub use scan::Scan;
@@ -81,6 +83,8 @@ pub struct Protocol {
     pub matching: Option<Matching>,
     /// What is expected of the scan; `None` for a protocol that counts no volumes.
     pub scan: Option<Scan>,
+    /// Maxima of the muscles' activity, measured or used.
+    pub maxima: MuscleMaxima,
     text: String,
     file_name: String,
     identity: u64,
@@ -91,6 +95,7 @@ const FILE_KEYS: Keys = &[
     ("segments", "The segments, in the order of playing; at least one, or `[matching]`."),
     ("matching", "A force- or EMG-matching experiment, in place of segments."),
     ("scanner", "What is expected of the scan, for a protocol that runs in a scanner."),
+    ("emg", "Maxima of the muscles' activity, to be measured or used."),
 ];
 
 const KEYS: Keys = &[
@@ -154,6 +159,7 @@ impl Protocol {
         // Before the segments, as on the generated page.
         let scan = Scan::read(root.section("scanner"));
         let matching = Matching::read(root.section("matching"));
+        let maxima = MuscleMaxima::read(root.section("emg"));
         let mut segments: Vec<_> =
             root.sections("segments").into_iter().enumerate().map(Segment::read).collect();
         if matching.is_some() && repeat > 1 {
@@ -180,6 +186,7 @@ impl Protocol {
             segments,
             matching,
             scan,
+            maxima,
             text: text.to_owned(),
             file_name: file_name.to_owned(),
             identity: identity(text),
@@ -275,6 +282,7 @@ impl Protocol {
         if let Some(matching) = &self.matching {
             matching.check(rig, &source);
         }
+        self.maxima.check(&segments, rig, &source);
         let mut failed = vec![false; segments.len()];
         let mut ends: Vec<Option<f64>> = vec![None; rig.axes.len()];
         for (index, segment) in self.sequence_of(&segments) {

@@ -20,6 +20,7 @@ use crate::muscles;
 use crate::rates::{Phases, Rates};
 use crate::scanner_line::ScannerLine;
 use crate::simulation::Simulation;
+use crate::sync_output::SyncOutput;
 
 /// A rig as a laboratory declares it.
 #[derive(Clone, Debug, PartialEq)]
@@ -41,6 +42,8 @@ pub struct RigFile {
     pub emg: Conditioning,
     /// The scanner's trigger line; `None` where the rig has none.
     pub scanner: Option<ScannerLine>,
+    /// The output that gives a pulse when a session begins; `None` where the rig has none.
+    pub sync: Option<SyncOutput>,
     /// The declared model.
     pub model: Model,
     /// Column names of measured records.
@@ -61,6 +64,7 @@ const KEYS: Keys = &[
     ("channels", "Analog inputs, at most 16."),
     ("emg", "How the voltages of electrodes become the activity of muscles."),
     ("scanner", "The scanner's trigger line."),
+    ("sync", "The digital output that gives a pulse when a session begins."),
     ("model", "The declared model; required."),
     ("replay", "Column names of measured records."),
     ("simulation", "Settings of the simulated card."),
@@ -106,6 +110,7 @@ impl RigFile {
         };
         let emg = muscles::read(root.section("emg"));
         let scanner = ScannerLine::read(root.section("scanner"), &channels);
+        let sync = SyncOutput::read(root.section("sync"));
         Self {
             name,
             description: root.text_or_none("description").unwrap_or_default(),
@@ -115,6 +120,7 @@ impl RigFile {
             channels,
             emg,
             scanner,
+            sync,
             model,
             replay: Replay::read(root.section("replay"), unit),
             simulation: Simulation::read(root.section("simulation"), unit),

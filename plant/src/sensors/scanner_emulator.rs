@@ -32,6 +32,8 @@ pub struct ScannerEmulator {
 
 /// A pulse starts within this multiple of the jitter from the start of its volume.
 const FURTHEST: f64 = 3.0;
+/// Volumes among which the next pulse is, where none is missing.
+const CANDIDATES: usize = 4;
 
 impl ScannerEmulator {
     /// Checks the trigger, and that its jitter lets no two pulses meet.
@@ -67,6 +69,21 @@ impl ScannerEmulator {
         let seed = self.faults.seed ^ volume.wrapping_mul(0x9e37_79b9_7f4a_7c15);
         let normal: f64 = StandardNormal.sample(&mut Pcg64Mcg::seed_from_u64(seed));
         Some(due_s + self.faults.jitter_s * normal.clamp(-FURTHEST, FURTHEST))
+    }
+
+    /// Start of the first pulse after a time (s), of a volume or spurious; `None` after the last.
+    pub fn next_pulse_s(&self, after_s: f64) -> Option<f64> {
+        let trigger = &self.trigger;
+        let early = FURTHEST * self.faults.jitter_s;
+        let first = ((after_s - early - trigger.start_s) / trigger.repetition_s).max(0.0) as u64;
+        // Pulses of volumes come in their order, as no two meet; one of these has come already.
+        let candidates = CANDIDATES + self.faults.missing.len();
+        let of_volume = (first..)
+            .take(candidates)
+            .filter_map(|volume| self.pulse_start_s(volume))
+            .find(|start_s| *start_s > after_s);
+        let spurious = self.faults.spurious_s.iter().copied().filter(|start_s| *start_s > after_s);
+        of_volume.into_iter().chain(spurious).min_by(f64::total_cmp)
     }
 
     /// Whether a pulse is active; its start is included, its end is not.

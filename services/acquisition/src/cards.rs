@@ -76,6 +76,11 @@ impl CardOptions {
     pub fn open(&self, rig: &RigFile) -> Result<Opened, CardError> {
         if self.kind.capabilities().accepts_output {
             rig.check_homing()?;
+            let outputs = self.kind.capabilities().digital_outputs;
+            if let Some(sync) = rig.sync.filter(|sync| sync.output >= outputs) {
+                let (kind, output) = (self.kind, sync.output);
+                return Err(CardError::NoDigitalOutput { kind, output, outputs });
+            }
         }
         let driver = DRIVERS.iter().find(|driver| driver.kind == self.kind);
         (driver.ok_or(CardError::NoDriver(self.kind))?.open)(self, rig)
@@ -91,6 +96,13 @@ pub enum CardError {
     /// An axis does not say how it finds its zero.
     #[error(transparent)]
     Rig(#[from] rig::RigError),
+    /// The rig file names a digital output that the card does not have.
+    #[error(
+        "sync.output: expected one of the {outputs} digital outputs of card {kind}, from 0, found \
+         {output}; name another, or take [sync] out"
+    )]
+    #[allow(missing_docs)]
+    NoDigitalOutput { kind: CardKind, output: u32, outputs: u32 },
     /// The replay has nothing to replay.
     #[error("--card replay: --replay RECORD is missing")]
     NoRecord,

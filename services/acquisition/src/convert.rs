@@ -29,6 +29,7 @@ impl Converter {
             analog_v: scan.analog_v,
             motor_v: scan.motor_v,
             digital_in: scan.digital_in,
+            digital_out: scan.digital_out,
             analog_present: scan.present.analog,
             axes: self.axes.len() as u8,
             motor_present: scan.present.motor,

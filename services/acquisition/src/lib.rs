@@ -2,7 +2,8 @@
 //!
 //! The loop is thin: [`runtime::daq::Daq`] is the card, [`runtime::gate::Gate`] decides what is
 //! written, [`homing::Homing`] has the zeros of the encoders, [`Converter`] turns counts and volts
-//! into SI, [`Trigger`] finds the scanner's pulses. [`DRIVERS`] lists the cards that it can be
+//! into SI, [`Trigger`] finds the scanner's pulses, [`sync_pulse`] tells other instruments when a
+//! session begins. [`DRIVERS`] lists the cards that it can be
 //! started with: the simulator process, a measured record, or none.
 
 mod cards;
@@ -10,6 +11,7 @@ mod convert;
 pub mod homing;
 mod homing_file;
 mod process;
+pub mod sync_pulse;
 mod trigger;
 
 pub use cards::{

@@ -1,8 +1,8 @@
 //! The process: the loop between card and shared memory.
 
 use ipc_types::{
-    AXES, COMMAND, EventKind, HOME_ORDER, HomeOrder, Process, SAMPLE, SCANNER, Sample, Severity,
-    TOKEN,
+    AXES, COMMAND, EventKind, HOME_ORDER, HomeOrder, Process, SAMPLE, SCANNER, SYNC_ORDER, Sample,
+    Severity, SyncOrder, TOKEN,
 };
 use rig::RigFile;
 use runtime::clock::now_ns;
@@ -13,6 +13,7 @@ use thiserror::Error;
 
 use crate::homing::{Changes, Homing};
 use crate::homing_file::{self, HomingFile};
+use crate::sync_pulse::{Ordered, SyncPulse};
 use crate::trigger::Trigger;
 use crate::{CardError, CardOptions, Converter};
 
@@ -123,6 +124,55 @@ impl Zeroing {
     }
 }
 
+/// The pulse for the beginning of a session, and the orders for it.
+struct Sync {
+    /// `None` where the rig has no such output, or the card none at all.
+    pulse: Option<SyncPulse>,
+    output: u32,
+    orders: Subscriber<SyncOrder>,
+}
+
+impl Sync {
+    fn new(rig: &RigFile, service: &Service, daq: &dyn Daq) -> Result<Self, PortError> {
+        let output = rig.sync.filter(|sync| sync.output < daq.capabilities().digital_outputs);
+        Ok(Self {
+            pulse: output.map(SyncPulse::new),
+            output: output.map_or(0, |sync| sync.output),
+            orders: service.subscriber(SYNC_ORDER)?,
+        })
+    }
+
+    /// Carries out the orders that have come, and sets the outputs.
+    fn cycle(&mut self, service: &mut Service, daq: &mut dyn Daq) -> Result<(), AcquisitionError> {
+        while let Some(order) = self.orders.take()? {
+            let Some(pulse) = &mut self.pulse else { continue };
+            if order.session != service.identity().session {
+                continue;
+            }
+            let (after_ns, severity, text) = match pulse.order(&order, now_ns()) {
+                Ordered::Begins(after_ns) => (after_ns, Severity::Info, ""),
+                Ordered::TooLate(after_ns) => (after_ns, Severity::Warning, "too late: no pulse"),
+            };
+            let values = [f64::from(order.number), after_ns as f64 * 1e-9, f64::from(self.output)];
+            service.event(EventKind::SyncPulse, severity, values, text)?;
+        }
+        if let Some(pulse) = &mut self.pulse {
+            daq.write_digital(pulse.levels(now_ns()))?;
+        }
+        Ok(())
+    }
+
+    /// What the outputs are left with: no pulse, and 0 V.
+    fn end(&self, rig: &RigFile, daq: &mut dyn Daq) -> Result<(), DaqError> {
+        let idle = match (&self.pulse, rig.sync) {
+            (Some(_), Some(output)) => daq.write_digital(output.levels(false)),
+            _ => Ok(()),
+        };
+        daq.write([0.0; AXES])?;
+        idle
+    }
+}
+
 fn run_loop(
     rig: &RigFile,
     service: &mut Service,
@@ -137,6 +187,7 @@ fn run_loop(
     let mut gate = gate(rig, service);
     let mut zeroing = Zeroing::new(rig, service, daq)?;
     let mut trigger = Trigger::new(rig);
+    let mut sync = Sync::new(rig, service, daq)?;
     let mut pulses = service.publisher(SCANNER)?;
     // Zeroes whatever a predecessor left in the DACs before anything else.
     daq.write([0.0; AXES])?;
@@ -151,6 +202,7 @@ fn run_loop(
             while let Some(command) = commands.take()? {
                 gate.observe_command(&command);
             }
+            sync.cycle(service, daq)?;
             let mut output = gate.step(now_ns());
             if daq.write(output.volts).is_err() {
                 output = gate.write_failed();
@@ -183,7 +235,8 @@ fn run_loop(
                 .losses()
                 .received(tokens.counters())
                 .received(commands.counters())
-                .received(zeroing.orders.counters());
+                .received(zeroing.orders.counters())
+                .received(sync.orders.counters());
             let losses = losses.sent(samples.undelivered()).sent(pulses.undelivered());
             if service.end_cycle(&grid, &wake, losses)? {
                 // Late subscribers receive the earlier pulses only through this.
@@ -191,12 +244,8 @@ fn run_loop(
             }
             if daq.finished() && !reported_finished {
                 reported_finished = true;
-                service.event(
-                    EventKind::ReplayDone,
-                    Severity::Info,
-                    [0.0; 3],
-                    "the record has ended",
-                )?;
+                let (kind, text) = (EventKind::ReplayDone, "the record has ended");
+                service.event(kind, Severity::Info, [0.0; 3], text)?;
             }
             service.beat();
         }
@@ -204,7 +253,7 @@ fn run_loop(
     };
     // Whatever ended the loop: a card holds its last volts.
     let ended = cycles();
-    let zeroed = daq.write([0.0; AXES]);
+    let zeroed = sync.end(rig, daq);
     ended?;
     zeroed?;
     service.end()?;

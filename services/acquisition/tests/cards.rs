@@ -184,6 +184,7 @@ impl SharedBench {
         let now = self.time();
         while let Some(output) = self.outputs.take().unwrap() {
             self.card.write(output.volts, output.sequence, output.incarnation);
+            self.card.set_digital(output.digital_out);
             self.card.taken(output.taken_tick);
         }
         self.card.enable_line(1, self.tick, now);

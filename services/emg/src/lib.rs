@@ -4,17 +4,19 @@
 //! [`zero_phase`] does the same for a whole recording, without delay. [`ArtefactTemplate`] takes
 //! the scanner's gradient artefact out before that; [`offline_artefact`] finds that of a recording.
 //! [`MuscleActivity`] does all of it for the electrodes of a rig and returns the activity of
-//! agonists and antagonists. Nothing here reads a clock, and after construction nothing allocates
-//! but what is for recordings.
+//! agonists and antagonists; [`MovingMaximum`] finds the maximum of a contraction. Nothing here
+//! reads a clock, and after construction nothing allocates but what is for recordings.
 
 mod artefact_template;
 mod conditioner;
+mod moving_maximum;
 mod muscle_activity;
 mod offline_artefact;
 mod zero_phase;
 
 pub use artefact_template::{ArtefactTemplate, LONGEST_REPETITION_S};
 pub use conditioner::{Activity, Conditioner, Conditioning, ConditioningError, HIGHEST_SHARE};
-pub use muscle_activity::{Electrode, Group, MuscleActivity};
+pub use moving_maximum::{MAXIMUM_WINDOW_S, MovingMaximum};
+pub use muscle_activity::{Electrode, Group, MuscleActivity, MuscleSample};
 pub use offline_artefact::{InVolume, offline_artefact};
 pub use zero_phase::zero_phase;

@@ -49,6 +49,25 @@ struct Channel {
     electrode: Electrode,
     artefact: Option<ArtefactTemplate>,
     conditioner: Conditioner,
+    /// What the rectified signal is divided by before the mean.
+    maximum: f64,
+}
+
+/// The muscles in one sample.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MuscleSample {
+    /// Mean of the rectified signals of agonists and antagonists, each as a share of its maximum
+    /// where maxima are used, and else in the electrodes' unit: 0 for a group without electrodes,
+    /// NaN where an electrode's voltage is not finite.
+    pub activity: [f64; BARS],
+    /// The rectified signal at each input, in its electrode's unit; NaN where there is no electrode
+    /// of a group.
+    pub rectified: [f64; ANALOG],
+}
+
+impl MuscleSample {
+    /// Without electrodes.
+    pub const NONE: Self = Self { activity: [f64::NAN; BARS], rectified: [f64::NAN; ANALOG] };
 }
 
 /// Filters the electrodes of a rig, sample by sample.
@@ -74,6 +93,7 @@ impl MuscleActivity {
             electrode: *electrode,
             artefact: artefact.clone(),
             conditioner,
+            maximum: 1.0,
         };
         Ok(Self { channels: electrodes.iter().map(channel).collect() })
     }
@@ -86,13 +106,21 @@ impl MuscleActivity {
             .for_each(ArtefactTemplate::clear);
     }
 
-    /// Takes a sample of all inputs (V) and returns the mean rectified signal over the electrodes
-    /// of each group, in their unit: 0 for a group without electrodes, NaN where an electrode's
-    /// voltage is not finite. `volume` is the time since the scanner's volume began and its
-    /// repetition time (s), while there is a scan.
-    pub fn update(&mut self, analog_v: &[f64; ANALOG], volume: Option<(f64, f64)>) -> [f64; BARS] {
+    /// From the next sample on activity is a share of these maxima of the rectified signals, by
+    /// input, in the electrodes' units; `None`: it is in these units itself.
+    pub fn set_maxima(&mut self, maxima: Option<&[f64; ANALOG]>) {
+        for channel in &mut self.channels {
+            let maximum = maxima.and_then(|maxima| maxima.get(channel.electrode.input)).copied();
+            channel.maximum = maximum.filter(|maximum| *maximum > 0.0).unwrap_or(1.0);
+        }
+    }
+
+    /// Takes a sample of all inputs (V). `volume` is the time since the scanner's volume began and
+    /// its repetition time (s), while there is a scan.
+    pub fn update(&mut self, analog_v: &[f64; ANALOG], volume: Option<(f64, f64)>) -> MuscleSample {
         let (mut sums, mut counts) = ([0.0; BARS], [0.0; BARS]);
-        for Channel { electrode, artefact, conditioner } in &mut self.channels {
+        let mut all = [f64::NAN; ANALOG];
+        for Channel { electrode, artefact, conditioner, maximum } in &mut self.channels {
             let group = electrode.group.index();
             counts[group] += 1.0;
             let volts = analog_v.get(electrode.input).copied().unwrap_or(f64::NAN);
@@ -111,12 +139,16 @@ impl MuscleActivity {
                 (None, _) => {}
             }
             // The envelope is not needed here.
-            sums[group] += conditioner.filter(value).abs();
+            let rectified = conditioner.filter(value).abs();
+            if let Some(place) = all.get_mut(electrode.input) {
+                *place = rectified;
+            }
+            sums[group] += rectified / *maximum;
         }
         let mut means = [0.0; BARS];
         for ((mean, sum), count) in means.iter_mut().zip(sums).zip(counts) {
             *mean = if count > 0.0 { sum / count } else { 0.0 };
         }
-        means
+        MuscleSample { activity: means, rectified: all }
     }
 }

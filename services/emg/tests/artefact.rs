@@ -133,7 +133,7 @@ fn groups_are_means_over_their_electrodes() {
         let value = (TAU * 100.0 * f64::from(k) / RATE_HZ).sin();
         let mut analog_v = [f64::NAN; ANALOG];
         (analog_v[1], analog_v[2], analog_v[3]) = (value, value, -value);
-        let found = activity.update(&analog_v, None);
+        let found = activity.update(&analog_v, None).activity;
         if k >= 4000 {
             (sums[0], sums[1]) = (sums[0] + found[0], sums[1] + found[1]);
         }
@@ -142,10 +142,32 @@ fn groups_are_means_over_their_electrodes() {
     assert!((sums[0] / 4000.0 - 1.5 * mean).abs() < 0.01, "{sums:?}");
     assert!((sums[1] / 4000.0 - 0.5 * mean).abs() < 0.01, "{sums:?}");
     // A value that is not finite says so, and is forgotten at once.
-    let found = activity.update(&[f64::NAN; ANALOG], None);
+    let found = activity.update(&[f64::NAN; ANALOG], None).activity;
     assert!(found.iter().all(|value| value.is_nan()));
-    let found = activity.update(&[0.0; ANALOG], None);
+    let found = activity.update(&[0.0; ANALOG], None).activity;
     assert!(found.iter().all(|value| value.is_finite()));
+}
+
+#[test]
+fn activity_is_a_share_of_the_maxima_where_there_are_some() {
+    let electrodes = [1, 3].map(|input| Electrode { input, per_v: 2.0, group: Group::Agonist });
+    let how = Conditioning { notch_hz: None, ..Conditioning::default() };
+    let mut plain = MuscleActivity::new(&electrodes, &how, RATE_HZ).unwrap();
+    let mut shares = plain.clone();
+    let mut maxima = [0.0; ANALOG];
+    (maxima[1], maxima[3]) = (4.0, 0.5);
+    shares.set_maxima(Some(&maxima));
+    for k in 0..2000 {
+        let mut analog_v = [0.0; ANALOG];
+        analog_v[1] = (TAU * 100.0 * f64::from(k) / RATE_HZ).sin();
+        analog_v[3] = (TAU * 70.0 * f64::from(k) / RATE_HZ).cos();
+        let (plain, shares) = (plain.update(&analog_v, None), shares.update(&analog_v, None));
+        let [one, other] = [1, 3].map(|input| plain.rectified[input]);
+        assert_eq!(plain.activity, [(one + other) / 2.0, 0.0]);
+        assert!((shares.activity[0] - (one / 4.0 + other / 0.5) / 2.0).abs() < 1e-12);
+        assert_eq!((shares.rectified[1], shares.rectified[3]), (one, other));
+        assert!(shares.rectified[0].is_nan());
+    }
 }
 
 /// Rms of some values.

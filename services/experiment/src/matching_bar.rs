@@ -1,6 +1,6 @@
 //! The bars of a matching experiment: what they compare, and how high they are (appendix, part C).
 
-use ipc_types::{AXES, BAR_MIDDLE, BARS};
+use ipc_types::{ANALOG, AXES, BAR_MIDDLE, BARS};
 use rig::protocol::Signal;
 
 /// Largest height; the bar's field is 20 high.
@@ -30,9 +30,11 @@ pub struct Effort {
     pub tick: u64,
     /// Torque of the hand (N·m or N), 0 for an axis without a sensor.
     pub torque: [f64; AXES],
-    /// Activity of agonists and antagonists, in the unit of their channels; NaN where it is not
-    /// known.
+    /// Activity of agonists and antagonists, in the unit of their channels or as a share of their
+    /// maxima; NaN where it is not known.
     pub activity: [f64; BARS],
+    /// The rectified signal at each input, in its channel's unit; NaN where there is no electrode.
+    pub rectified: [f64; ANALOG],
 }
 
 /// Sums of effort over samples.

@@ -216,12 +216,14 @@ impl Player {
         self.program.as_ref()
     }
 
-    /// Starts a protocol with the next step, in the watchdog's enable `epoch`. Replaces a running
-    /// protocol: check [`Player::is_running`] first.
+    /// Starts a protocol with the next step, in the watchdog's enable `epoch`, or continues one
+    /// that was interrupted. Replaces a running protocol: check [`Player::is_running`] first.
     pub fn start(&mut self, program: Arc<Program>, epoch: u64) {
         self.supervision = Supervision::new(epoch, false);
         self.scan.clear();
-        self.enter(program, 0, Change::Started);
+        let first = program.continues().map_or(0, |from| from.segment);
+        let change = program.continues().map_or(Change::Started, |_| Change::Continued(first));
+        self.enter(program, first as usize, change);
     }
 
     /// Resumes a saved state at the beginning of its segment, or ends it in the next step where the
@@ -252,7 +254,7 @@ impl Player {
             });
         }
         self.supervision = Supervision::new(state.epoch, true);
-        self.scan = ScanTracker::resume(state.scan);
+        self.scan = ScanTracker::resume(state.scan, program.scan.pulses.clone());
         let end = (!program.resumes).then_some(End::Restarted);
         self.enter(program, segment, Change::Resumed(state.segment));
         (self.waiting, self.end) = (true, end);

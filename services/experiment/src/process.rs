@@ -1,6 +1,7 @@
 //! The process: samples in, setpoints out, on the grid.
 
 mod ilc_worker;
+mod player_events;
 mod request_handler;
 mod scan_reports;
 mod session_reports;
@@ -25,10 +26,12 @@ use runtime::{
 };
 use thiserror::Error;
 
-use crate::player::{Change, LEASE_NS, Notice, Permission, Player, Program};
+use crate::interrupted::InterruptedFile;
+use crate::player::{LEASE_NS, Permission, Player, Program};
 use crate::state::PlayerState;
 
 use ilc_worker::IlcWorker;
+use player_events::{publish_change, publish_notice};
 use request_handler::{Current, RequestHandler};
 use scan_reports::ScanPorts;
 use session_reports::SessionPorts;
@@ -102,9 +105,10 @@ impl Runner {
     ) -> Result<Self, ExperimentError> {
         let directory = service.domain().name().make_run_directory().map_err(ServiceError::from)?;
         let file = directory.join(STATE);
+        let learnt = learnt.map_or_else(|| directory.join(LEARNT), Path::to_owned);
         let mut player = Player::default();
         let session = service.identity().session;
-        let current = match restore(&file, session, rig, &mut player) {
+        let current = match restore(&file, &learnt, session, rig, &mut player) {
             Ok(current) => current,
             Err(reason) => {
                 service.event(EventKind::ProtocolStopped, Severity::Error, [0.0; 3], &reason)?;
@@ -116,7 +120,6 @@ impl Runner {
             sessions.resume(&player, current.order, &current.sessions);
             warn_of_lost_session(current, &player, &mut service)?;
         }
-        let learnt = learnt.map_or_else(|| directory.join(LEARNT), Path::to_owned);
         let (link, request_side) = thread_link::pair();
         let fifo = service.domain().fifo();
         let ilc_worker = IlcWorker::open(
@@ -133,6 +136,7 @@ impl Runner {
             rig: rig.clone(),
             session,
             file,
+            interrupted: InterruptedFile::new(&learnt, service.domain().name().as_str()),
             learnt,
             link: request_side,
             retired: current.iter().map(|current| Arc::clone(&current.program)).collect(),
@@ -213,7 +217,7 @@ impl Runner {
             self.sessions.see(&sample, &self.player);
             self.newest = Some(sample);
         }
-        self.scan.tell(&mut self.player)?;
+        self.scan.tell(&mut self.player, &mut self.link.keys)?;
         while let Ok(result) = self.ilc_worker.results.pop() {
             self.player.receive(result);
         }
@@ -264,7 +268,7 @@ impl Runner {
             if let Some(change) = output.change {
                 let program = self.player.program().map(AsRef::as_ref);
                 publish_change(change, program, &mut self.service)?;
-                self.sessions.follow(change, &self.player, self.playing, wake.woke_ns);
+                self.sessions.follow(change, &self.player, self.playing, wake.woke_ns)?;
                 if change.ends() {
                     self.scan.end();
                 }
@@ -342,74 +346,6 @@ fn handles(sample: Option<&Sample>) -> [f64; AXES] {
     std::array::from_fn(|axis| seen(axis).map_or(f64::NAN, |sample| sample.slave_position[axis]))
 }
 
-/// The events of a notice. Of a range, first what the handle's own encoder saw, then, where the
-/// limits are much wider, what the motor's did: positions in protocols are the motor's.
-fn publish_notice(notice: Notice, segment: u32, service: &mut Service) -> Result<(), PortError> {
-    let mut send = |kind, severity, text: &str, [a, b, c]: [f64; 3]| {
-        let event = Event::new(Process::Experiment, kind, severity, text);
-        service.publish(Event { a, b, c, segment, ..event })
-    };
-    match notice {
-        Notice::Beat { position, number } => {
-            send(EventKind::Beat, Severity::Info, "", [position, f64::from(number), 0.0])
-        }
-        Notice::Range { axis, range, narrower } => {
-            let text = match range.met {
-                (true, true) => "both ends met, as the handle sees them",
-                (false, false) => "no end met within the rig's limits",
-                _ => "one end met; the other is where the rig's limits or the protocol end",
-            };
-            let axis = axis as f64;
-            send(
-                EventKind::RangeFound,
-                Severity::Info,
-                text,
-                [range.lower.handle, range.upper.handle, axis],
-            )?;
-            if !narrower {
-                return Ok(());
-            }
-            let text = "narrower than the rig's limits, as the motor sees it; narrow the limits";
-            send(
-                EventKind::RangeFound,
-                Severity::Warning,
-                text,
-                [range.lower.motor, range.upper.motor, axis],
-            )
-        }
-    }
-}
-
-/// The events of a change. Texts are copied, not formatted.
-fn publish_change(
-    change: Change,
-    program: Option<&Program>,
-    service: &mut Service,
-) -> Result<(), PortError> {
-    let name = program.map_or("", Program::name);
-    let label = |segment: u32| program.map_or("", |program| program.label(segment as usize));
-    let mut send = |kind, segment: u32, text: &str, b: f64| {
-        let event = Event::new(Process::Experiment, kind, Severity::Info, text);
-        service.publish(Event { a: f64::from(segment), b, segment, ..event })
-    };
-    match change {
-        Change::Started => {
-            send(EventKind::ProtocolStarted, 0, name, program.map_or(0.0, Program::duration_s))?;
-            send(EventKind::SegmentStarted, 0, label(0), 0.0)
-        }
-        Change::Segment(segment) => send(EventKind::SegmentStarted, segment, label(segment), 0.0),
-        Change::Resumed(segment) => send(EventKind::ProtocolResumed, segment, label(segment), 0.0),
-        Change::Stopped(segment) => send(EventKind::ProtocolStopped, segment, name, 0.0),
-        Change::Aborted(segment, reason) => {
-            send(EventKind::ProtocolStopped, segment, reason.text(), 0.0)
-        }
-        Change::Done => {
-            let last = program.map_or(0, |program| program.segments().saturating_sub(1) as u32);
-            send(EventKind::ProtocolDone, last, name, 0.0)
-        }
-    }
-}
-
 /// A session whose mean the process before had no time to save before it died.
 fn warn_of_lost_session(
     current: &Current,
@@ -433,6 +369,7 @@ fn warn_of_lost_session(
 /// cannot be used is moved aside, so that it is told of once.
 fn restore(
     file: &Path,
+    learnt: &Path,
     session: u64,
     rig: &RigFile,
     player: &mut Player,
@@ -448,10 +385,13 @@ fn restore(
         }
         let protocol =
             Protocol::parse(&state.text, &state.name).map_err(|error| error.to_string())?;
-        let program = Arc::new(Program::new(&protocol, rig).map_err(|error| error.to_string())?);
+        let program = Program::new(&protocol, rig).map_err(|error| error.to_string())?;
+        let program = program.with_pulses(&state.pulses)?.with_maxima(learnt, rig)?;
+        let program = Arc::new(program);
         player.resume(&state, Arc::clone(&program)).map_err(|error| error.to_string())?;
         let PlayerState { client, sessions, .. } = state;
-        Ok(Some(Current { order: 0, client, program, sessions, newest: None }))
+        let (newest, maxima_saved) = (None, false);
+        Ok(Some(Current { order: 0, client, program, sessions, newest, maxima_saved }))
     });
     if result.is_err() {
         // Nothing better can be done where even that fails: it is then told at each start.

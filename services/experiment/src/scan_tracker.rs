@@ -4,9 +4,12 @@
 use std::collections::VecDeque;
 
 use ipc_types::{LineEvent, ScanProgress, Volume, VolumeSource};
-use rig::protocol::{Scan, WaitForScanner};
+use rig::protocol::WaitForScanner;
 use scanner::{Counted, VolumeClock, between};
 use serde::{Deserialize, Serialize};
+
+use crate::scan_plan::{Pulses, ScanPlan};
+pub use crate::scan_report::{ScanReport, WaitState};
 
 /// Reports that wait to be published. Pulses are taken while there is room for twice as many as one
 /// can make.
@@ -28,59 +31,6 @@ const EMULATED_START_NS: u64 = 1_000_000_000;
 const EARLIER_S: f64 = 0.002;
 const LATER_S: f64 = 0.02;
 const SLACK_SHARE: f64 = 1e-3;
-
-/// What a protocol says of the scanner, and how the rig reads it.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct ScanPlan {
-    /// What is expected of the scan.
-    pub scan: Option<Scan>,
-    /// Whether a segment waits for the scanner; volumes count from the first such wait.
-    pub waits: bool,
-    /// Least width of a level of the trigger line, if that is a gate (s).
-    pub gate_width_s: Option<f64>,
-    /// Repetition time of the emulated scanner, which then takes the place of the line (s).
-    pub emulated_s: Option<f64>,
-}
-
-/// What is to be published.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum ScanReport {
-    /// A volume began.
-    Volume(Volume),
-    /// The pulse that a wait was for came, this long after the wait began (s).
-    Started {
-        /// Time since the wait began (s).
-        after_s: f64,
-    },
-    /// Volumes had no pulse.
-    Missed {
-        /// Number of the first of them.
-        first: u64,
-        /// How many.
-        count: u64,
-    },
-    /// A pulse belongs to no volume.
-    Spurious {
-        /// Number of the last volume.
-        after: u64,
-    },
-    /// The scanner was started anew.
-    Restarted {
-        /// Number of the first volume since.
-        first: u64,
-    },
-}
-
-/// What a wait has come to.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum WaitState {
-    /// The pulse, or the end of the start-up time, has not come.
-    Waiting,
-    /// The start-up time was over at that time (ns).
-    Over(u64),
-    /// No pulse came in time.
-    TimedOut,
-}
 
 /// A wait for a pulse.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -106,13 +56,13 @@ struct Anchor {
     planned_s: f64,
 }
 
-/// The emulated scanner.
+/// How far the emulated scanner has come.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 struct Emulation {
-    repetition_ns: f64,
-    /// First pulse; `None` before it is started.
-    first_ns: Option<u64>,
-    next: u64,
+    /// First volume; negative where the computer has been started since.
+    first_ns: i64,
+    /// The newest pulse, from the first volume (s); `None` before the first one.
+    newest_s: Option<f64>,
 }
 
 /// The part of [`ScanTracker`] that outlives the process.
@@ -131,15 +81,39 @@ pub struct ScanState {
     volume_source: u8,
     /// When the next volume of an open gate begins.
     gate_next: Option<f64>,
+    /// The emulated scanner, once it is started.
     emulation: Option<Emulation>,
     wait: Option<Wait>,
     anchor: Option<Anchor>,
+}
+
+impl ScanState {
+    /// The same where all times are later by this (ns): by the clock of another start of the
+    /// computer. A wait begins anew, as does the plan.
+    pub(crate) fn shifted(self, by_ns: i64) -> Self {
+        let later = |at_ns: u64| at_ns.saturating_add_signed(by_ns);
+        Self {
+            clock: self.clock.map(|clock| clock.shifted(by_ns)),
+            counts_since_ns: self.counts_since_ns.map(later),
+            newest_ns: later(self.newest_ns),
+            volume_ns: later(self.volume_ns),
+            gate_next: None,
+            emulation: self.emulation.map(|emulation| Emulation {
+                first_ns: emulation.first_ns.saturating_add(by_ns),
+                ..emulation
+            }),
+            wait: None,
+            anchor: None,
+            ..self
+        }
+    }
 }
 
 /// Follows the scanner through one run of a protocol. Allocates only when it is made.
 #[derive(Clone, Debug)]
 pub struct ScanTracker {
     state: ScanState,
+    pulses: Pulses,
     /// Pulses of the time before may still arrive until then (ns).
     catches_up_until_ns: u64,
     reports: VecDeque<ScanReport>,
@@ -149,39 +123,47 @@ pub struct ScanTracker {
 impl Default for ScanTracker {
     /// One that follows nothing.
     fn default() -> Self {
-        Self::resume(ScanState::default())
+        Self::resume(ScanState::default(), Pulses::default())
     }
 }
 
 impl ScanTracker {
     /// Goes on where an earlier process stopped.
-    pub fn resume(state: ScanState) -> Self {
+    pub fn resume(state: ScanState, pulses: Pulses) -> Self {
         let reports = VecDeque::with_capacity(REPORTS);
-        Self { state, catches_up_until_ns: 0, reports, dropped: 0 }
+        Self { state, pulses, catches_up_until_ns: 0, reports, dropped: 0 }
     }
 
     /// Forgets the protocol before; what was dropped stays counted. Allocates nothing.
     pub fn clear(&mut self) {
         self.state = ScanState::default();
+        self.pulses = Pulses::default();
         self.catches_up_until_ns = 0;
         self.dropped += self.reports.len() as u64;
         self.reports.clear();
     }
 
+    /// Goes on with a protocol that was interrupted: what the scanner did meanwhile, nobody has
+    /// seen. Allocates nothing.
+    pub fn go_on(&mut self, state: ScanState, pulses: &Pulses, now_ns: u64) {
+        self.clear();
+        (self.state, self.pulses) = (state, pulses.clone());
+        if let Some(emulation) = &mut self.state.emulation {
+            let passed_ns = now_ns.cast_signed().saturating_sub(emulation.first_ns);
+            emulation.newest_s = Some(passed_ns as f64 * 1e-9);
+        }
+    }
+
     /// Begins a protocol at `now_ns` (CLOCK_MONOTONIC), as all times here.
     pub fn begin(&mut self, plan: &ScanPlan, now_ns: u64) {
-        let emulation = plan.emulated_s.map(|repetition_s| Emulation {
-            repetition_ns: 1e9 * repetition_s,
-            first_ns: None,
-            next: 0,
-        });
+        self.pulses = plan.pulses.clone();
         self.state = ScanState {
             clock: plan.scan.map(|scan| VolumeClock::new(scan.series)),
             in_step: plan.scan.is_some_and(|scan| scan.in_step),
             gate_delay_ns: plan
                 .gate_width_s
+                .filter(|_| self.pulses == Pulses::Line)
                 .map(|width_s| (1e9 * width_s).round() as u64 + GATE_DELAY_NS),
-            emulation,
             ..ScanState::default()
         };
         if !plan.waits {
@@ -192,8 +174,9 @@ impl ScanTracker {
     fn count_from(&mut self, since_ns: u64) {
         if self.state.counts_since_ns.is_none() {
             self.state.counts_since_ns = Some(since_ns);
-            if let Some(emulation) = &mut self.state.emulation {
-                emulation.first_ns = Some(since_ns + EMULATED_START_NS);
+            if matches!(self.pulses, Pulses::Emulated(_)) {
+                let first_ns = (since_ns + EMULATED_START_NS).cast_signed();
+                self.state.emulation = Some(Emulation { first_ns, newest_s: None });
             }
         }
     }
@@ -223,9 +206,16 @@ impl ScanTracker {
         }
     }
 
-    /// Takes an event of the trigger line; not where the scanner is emulated.
+    /// Takes a pulse that was typed as the key 5; not where pulses come from elsewhere.
+    pub fn see_key(&mut self, at_ns: u64) {
+        if self.pulses == Pulses::Key {
+            self.pulse(at_ns, VolumeSource::Key);
+        }
+    }
+
+    /// Takes an event of the trigger line; not where pulses come from elsewhere.
     pub fn see(&mut self, event: LineEvent, at_ns: u64) {
-        if self.state.emulation.is_some() {
+        if self.pulses != Pulses::Line {
             return;
         }
         match event {
@@ -246,14 +236,15 @@ impl ScanTracker {
     /// Takes the pulses of the emulated scanner, and the volumes of an open gate, up to now.
     pub fn advance(&mut self, now_ns: u64) {
         while self.has_room()
+            && let Pulses::Emulated(emulator) = &self.pulses
             && let Some(emulation) = &mut self.state.emulation
-            && let Some(first_ns) = emulation.first_ns
-            && let after_ns = emulation.next as f64 * emulation.repetition_ns
-            && let at_ns = first_ns + after_ns.round() as u64
-            && at_ns <= now_ns
+            && let newest_s = emulation.newest_s.unwrap_or(f64::NEG_INFINITY)
+            && let Some(next_s) = emulator.next_pulse_s(newest_s)
+            && let at_ns = emulation.first_ns.saturating_add((1e9 * next_s).round() as i64)
+            && at_ns <= now_ns.cast_signed()
         {
-            emulation.next += 1;
-            self.pulse(at_ns, VolumeSource::Emulated);
+            emulation.newest_s = Some(next_s);
+            self.pulse(at_ns.max(0).cast_unsigned(), VolumeSource::Emulated);
         }
         if let Some(delay_ns) = self.state.gate_delay_ns
             && now_ns >= self.catches_up_until_ns
@@ -274,9 +265,11 @@ impl ScanTracker {
     }
 
     /// Time since the beginning of the volume at `at_ns` and the repetition time that was planned
-    /// (s), by the scanner's clock; `None` where no scanner measures, or an emulated one.
+    /// (s), by the scanner's clock. `None` where no scanner measures, or an emulated one, and for
+    /// pulses from a keyboard: they come some milliseconds late, now more and now less, and what is
+    /// subtracted in step with them would not fit.
     pub fn since_volume_s(&self, at_ns: u64) -> Option<(f64, f64)> {
-        let clock = self.state.clock.as_ref().filter(|_| self.state.emulation.is_none())?;
+        let clock = self.state.clock.as_ref().filter(|_| self.pulses == Pulses::Line)?;
         let (volume, last) = (clock.volume_at(at_ns)?, clock.index()? as f64);
         let repetition_s = clock.series().repetition_s;
         (0.0..SILENT_VOLUMES)
@@ -337,6 +330,10 @@ impl ScanTracker {
         }
         let first = index - missed;
         self.report(ScanReport::Missed { first, count: missed });
+        if self.state.volume_ns == 0 {
+            // The volume before was in another life of the computer.
+            return;
+        }
         let times = between(self.state.volume_ns, at_ns, missed);
         for (index, between_ns) in (first..).zip(times.take(INTERPOLATED)) {
             self.report_volume(index, between_ns, VolumeSource::Interpolated);

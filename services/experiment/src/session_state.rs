@@ -3,6 +3,7 @@
 use ipc_types::BARS;
 use serde::{Deserialize, Serialize};
 
+use crate::contraction::Maxima;
 use crate::matching_bar::heights;
 
 /// Most updates of the bar that are kept of a session; the longest session has as many.
@@ -19,6 +20,8 @@ pub struct SessionState {
     pub repeated_target: [f64; BARS],
     /// The values of the bar in the session that runs or ran last.
     pub values: Vec<[f64; BARS]>,
+    /// The maxima of the electrodes in the contractions so far.
+    pub maxima: Maxima,
 }
 
 /// A step of a session.
@@ -30,6 +33,8 @@ pub enum SessionStep {
     Update([f64; BARS]),
     /// The session of that number is over, with the value that the next has to match.
     Over(u32, [f64; BARS]),
+    /// A contraction had these maxima.
+    Contracted(Maxima),
 }
 
 impl SessionState {
@@ -42,8 +47,8 @@ impl SessionState {
     pub fn copy_from(&mut self, other: &Self) {
         self.values.clear();
         self.values.extend(other.values.iter().take(UPDATES));
-        (self.over, self.target, self.repeated_target) =
-            (other.over, other.target, other.repeated_target);
+        (self.over, self.target, self.repeated_target, self.maxima) =
+            (other.over, other.target, other.repeated_target, other.maxima);
     }
 
     /// Carries out a step. Within [`SessionState::with_capacity`] it does not allocate.
@@ -56,6 +61,11 @@ impl SessionState {
                 self.repeated_target = if self.has_target() { self.target } else { mean };
                 self.target = mean;
                 self.over = number;
+            }
+            SessionStep::Contracted(maxima) => {
+                for (largest, maximum) in self.maxima.iter_mut().zip(maxima) {
+                    *largest = largest.max(maximum);
+                }
             }
         }
     }

@@ -6,8 +6,9 @@
 
 use std::collections::VecDeque;
 
-use ipc_types::{BARS, Light, Performance, SessionOutcome, SessionResult};
+use ipc_types::{BARS, EmgMaximum, Light, Performance, SessionOutcome, SessionResult};
 
+use crate::contraction::Contraction;
 use crate::matching_bar::{BarValues, Effort, Matched, Sums, heights};
 use crate::session_state::{SessionState, SessionStep};
 
@@ -48,6 +49,8 @@ pub struct PlayedSegment {
     pub session: Option<u32>,
     /// Whether it is a rest.
     pub rest: bool,
+    /// Inputs of the card whose maximum it measures, one bit each.
+    pub contraction: u16,
 }
 
 /// What is to be published, or kept for a restart.
@@ -59,6 +62,8 @@ pub enum SessionReport {
     Started(u32, u32),
     /// A session has ended.
     Ended(SessionResult),
+    /// A contraction was measured.
+    Contracted(EmgMaximum),
     /// A step for [`SessionState::take`], of the run with that number.
     Step(u32, SessionStep),
 }
@@ -94,6 +99,7 @@ pub struct SessionTracker {
     reported: u64,
     sums: Sums,
     bar: Option<BarValues>,
+    contraction: Contraction,
     shown: Shown,
     /// Number of the session that runs or ran last.
     number: u32,
@@ -106,9 +112,9 @@ pub struct SessionTracker {
     dropped: u64,
 }
 
-impl Default for SessionTracker {
-    /// Of a protocol without sessions.
-    fn default() -> Self {
+impl SessionTracker {
+    /// Of a protocol without sessions, for samples at `rate_hz`.
+    pub fn new(rate_hz: f64) -> Self {
         Self {
             plan: SessionPlan::default(),
             run: 0,
@@ -117,6 +123,7 @@ impl Default for SessionTracker {
             reported: 0,
             sums: Sums::default(),
             bar: None,
+            contraction: Contraction::new(rate_hz),
             shown: Shown::default(),
             number: 0,
             last: None,
@@ -127,9 +134,7 @@ impl Default for SessionTracker {
             dropped: 0,
         }
     }
-}
 
-impl SessionTracker {
     /// Follows another run of a protocol, after what is left of the one before; `run` is its number
     /// and `state` that of one that is resumed.
     pub fn begin(&mut self, run: u32, plan: SessionPlan, state: Option<&SessionState>) {
@@ -239,6 +244,7 @@ impl SessionTracker {
             if playing.session.is_some() {
                 self.sums.missed += self.missing_before(effort, playing.begun_ns, effort.at_ns);
                 self.sums.add(effort);
+                self.contraction.take(playing.contraction, &effort.rectified);
             }
         }
         if let Some((tick, at_ns)) = self.last.filter(|(tick, _)| effort.tick > *tick) {
@@ -301,6 +307,7 @@ impl SessionTracker {
                 planned_s: before.map_or(0.0, |playing| playing.planned_s),
                 session: None,
                 rest: false,
+                contraction: 0,
             };
             self.report_performance(&over, edge.at_ns);
             return;
@@ -309,6 +316,7 @@ impl SessionTracker {
             self.sums = Sums::default();
             self.bar = self.plan.matched.map(BarValues::new);
             self.number = number;
+            self.contraction.begin();
             self.shown = Shown {
                 target: self.state.target,
                 visible: self.plan.matched.is_some() && self.state.has_target(),
@@ -341,8 +349,28 @@ impl SessionTracker {
             ..SessionResult::default()
         }));
         if edge.outcome == SessionOutcome::Whole {
+            // Before the session's end: what follows the end is complete.
+            self.end_contraction(playing, number, edge.at_ns);
             self.step(SessionStep::Over(number, mean));
         }
+    }
+
+    /// Reports the maxima of a contraction that was whole.
+    fn end_contraction(&mut self, playing: &PlayedSegment, number: u32, ended_ns: u64) {
+        if playing.contraction == 0 {
+            return;
+        }
+        let maximum = self.contraction.maxima();
+        self.step(SessionStep::Contracted(maximum));
+        self.report(SessionReport::Contracted(EmgMaximum {
+            begun_ns: playing.begun_ns,
+            ended_ns,
+            maximum,
+            segment: playing.segment,
+            number,
+            inputs: playing.contraction,
+            ..EmgMaximum::default()
+        }));
     }
 
     /// Reports every instant of the segment's grid up to a time.

@@ -1,19 +1,20 @@
 //! The state that the experiment process keeps on disk for a restart.
 
 use files::{Format, FormatError};
+use ipc_types::PulseSource;
 use serde::{Deserialize, Serialize};
 
 use crate::scan_tracker::ScanState;
 use crate::session_state::SessionState;
 
-const FORMAT: Format = Format { what: "state of the experiment", mark: *b"FRPS", version: 4 };
+const FORMAT: Format = Format { what: "state of the experiment", mark: *b"FRPS", version: 5 };
 
 /// Progress of a protocol: its text, and the segment being played.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PlayerState {
     /// Session of the rig; a state of another session is not resumed.
     pub session: u64,
-    /// Name of the protocol.
+    /// Name under which the protocol was asked for.
     pub name: String,
     /// Its text, overrides applied.
     pub text: String,
@@ -27,60 +28,12 @@ pub struct PlayerState {
     pub epoch: u64,
     /// The client that started it and must renew its lease.
     pub client: u64,
+    /// Where the scanner's pulses come from.
+    pub pulses: PulseSource,
     /// The scanner, as far as it was followed at the segment's beginning.
     pub scan: ScanState,
     /// The sessions so far.
     pub sessions: SessionState,
-}
-
-/// The fields of version 1, without epoch and client: such a protocol is not resumed, nor one of
-/// version 2, which has no scanner, or 3, which has no sessions.
-#[derive(Deserialize)]
-struct Version1 {
-    session: u64,
-    name: String,
-    text: String,
-    protocol: u64,
-    segment: u32,
-    #[allow(dead_code)]
-    running: bool,
-}
-
-/// The fields of version 2.
-#[derive(Deserialize)]
-struct Version2 {
-    first: Version1,
-    #[allow(dead_code)]
-    epoch: u64,
-    #[allow(dead_code)]
-    client: u64,
-}
-
-/// The fields of version 3.
-#[derive(Deserialize)]
-struct Version3 {
-    first: Version2,
-    #[allow(dead_code)]
-    scan: ScanState,
-}
-
-impl From<Version1> for PlayerState {
-    fn from(old: Version1) -> Self {
-        let Version1 { session, name, text, protocol, segment, .. } = old;
-        let (running, epoch, client) = (false, 0, 0);
-        Self {
-            session,
-            name,
-            text,
-            protocol,
-            segment,
-            running,
-            epoch,
-            client,
-            scan: ScanState::default(),
-            sessions: SessionState::default(),
-        }
-    }
 }
 
 /// Why bytes are not a valid state, or why a state cannot be encoded.
@@ -100,22 +53,8 @@ impl PlayerState {
     /// Decodes a state.
     ///
     /// # Errors
-    /// Each [`FormatError`]; a damaged file never yields a state.
+    /// Each [`FormatError`]: a damaged file never yields a state, nor does one of another version.
     pub fn decode(bytes: &[u8]) -> Result<Self, StateError> {
-        match FORMAT.decode(bytes) {
-            Err(FormatError::Version { found: 1, .. }) => {
-                Format { version: 1, ..FORMAT }.decode::<Version1>(bytes).map(Self::from)
-            }
-            Err(FormatError::Version { found: 2, .. }) => {
-                let old = Format { version: 2, ..FORMAT }.decode::<Version2>(bytes);
-                old.map(|old| Self::from(old.first))
-            }
-            Err(FormatError::Version { found: 3, .. }) => {
-                let old = Format { version: 3, ..FORMAT }.decode::<Version3>(bytes);
-                old.map(|old| Self::from(old.first.first))
-            }
-            decoded => decoded,
-        }
-        .map_err(StateError)
+        FORMAT.decode(bytes).map_err(StateError)
     }
 }

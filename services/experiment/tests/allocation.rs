@@ -133,7 +133,7 @@ fn a_protocol_in_the_scanner_allocates_and_frees_nothing_in_the_loop() {
 #[test]
 fn sessions_allocate_and_free_nothing_in_the_loop() {
     let plan = SessionPlan { sessions: 2, matched: Some(Matched { signal: Signal::Emg, axis: 0 }) };
-    let mut tracker = SessionTracker::default();
+    let mut tracker = SessionTracker::new(2000.0);
     let mut state = SessionState::with_capacity();
     for step in [SessionStep::Begun, SessionStep::Update([0.5; 2]), SessionStep::Over(1, [1.0; 2])]
     {
@@ -145,6 +145,7 @@ fn sessions_allocate_and_free_nothing_in_the_loop() {
         planned_s: 600.0,
         session,
         rest: session.is_none(),
+        contraction: if session.is_some() { 0x3f } else { 0 },
     };
     let (mut total, mut reports) = (0, 0);
     counted(&mut total, || tracker.begin(1, plan, Some(&state)));

@@ -201,13 +201,13 @@ impl Fixture {
             protocol,
             name,
             client: CLIENT,
-            emulate_scanner_s: None,
+            pulses: PulseSource::Line,
         })
     }
 
     fn check(&self, protocol: &str) -> ExperimentAnswer {
         let (protocol, name) = (protocol.to_owned(), "short.toml".to_owned());
-        self.ask(&ExperimentRequest::Check { protocol, name, emulate_scanner_s: None })
+        self.ask(&ExperimentRequest::Check { protocol, name, pulses: PulseSource::Line })
     }
 
     fn ask(&self, request: &ExperimentRequest) -> ExperimentAnswer {

@@ -4,7 +4,8 @@
 use std::sync::Arc;
 
 use experiment::player::{Change, Player, Program, Reason};
-use experiment::scan_tracker::{ScanPlan, ScanReport, ScanTracker, WaitState};
+use experiment::scan_plan::{Pulses, ScanPlan};
+use experiment::scan_tracker::{ScanReport, ScanTracker, WaitState};
 use ipc_types::{AXES, LineEvent, Mode, Volume, VolumeSource};
 use rig::RigFile;
 use rig::protocol::{Protocol, Scan, WaitForScanner};
@@ -129,7 +130,7 @@ fn a_gate_makes_volumes_while_it_is_open() {
         volumes(&reports(tracker)).iter().map(|volume| volume.at_ns).collect()
     };
     assert_eq!(times(&mut tracker), [at(1.0), at(3.0)]);
-    let mut resumed = ScanTracker::resume(tracker.state());
+    let mut resumed = ScanTracker::resume(tracker.state(), Pulses::Line);
     // This process was not run in time; another takes its place.
     resumed.catch_up(at(9.5));
     resumed.advance(at(9.6));
@@ -140,12 +141,17 @@ fn a_gate_makes_volumes_while_it_is_open() {
     }
 }
 
+fn pulses_of(source: &str) -> Pulses {
+    Pulses::of(&source.parse().unwrap()).unwrap()
+}
+
 #[test]
 fn the_emulated_scanner_takes_the_place_of_the_line() {
     let mut tracker = ScanTracker::default();
-    tracker.begin(&ScanPlan { emulated_s: Some(2.0), ..plan(2.0, None) }, at(0.0));
+    tracker.begin(&ScanPlan { pulses: pulses_of("2"), ..plan(2.0, None) }, at(0.0));
     tracker.begin_wait(&WAIT, 0, at(5.0));
     tracker.see(LineEvent::Pulse, at(5.2));
+    tracker.see_key(at(5.3));
     for step in 0..5_000 {
         tracker.advance(at(5.0) + step * PERIOD);
     }
@@ -153,6 +159,54 @@ fn the_emulated_scanner_takes_the_place_of_the_line() {
     let times: Vec<_> = volumes.iter().map(|volume| volume.at_ns).collect();
     assert_eq!(times, [at(6.0), at(8.0), at(10.0), at(12.0), at(14.0)]);
     assert!(volumes.iter().all(|volume| volume.source == VolumeSource::Emulated.code()));
+}
+
+/// The faults are those that were asked for, also where another process goes on in between.
+#[test]
+fn the_emulated_scanner_has_the_faults_that_were_asked_for() {
+    let pulses = pulses_of("2,jitter=0.002,missing=3,missing=4,missing=30,spurious=20.7,seed=5");
+    let mut tracker = ScanTracker::default();
+    tracker.begin(&ScanPlan { pulses: pulses.clone(), ..plan(2.0, Some(60)) }, at(0.0));
+    tracker.begin_wait(&WAIT, 0, at(0.0));
+    let mut all = Vec::new();
+    for step in 0..60_000 {
+        tracker.advance(at(0.0) + step * PERIOD);
+        all.extend(reports(&mut tracker));
+        if step % 10_007 == 0 {
+            tracker = ScanTracker::resume(tracker.state(), pulses.clone());
+        }
+    }
+    let progress = tracker.progress(at(120.0)).unwrap();
+    assert_eq!((progress.volumes, progress.missed, progress.spurious), (57, 3, 1));
+    let volumes = volumes(&all);
+    let late: Vec<f64> = volumes
+        .iter()
+        .filter(|volume| volume.source == VolumeSource::Emulated.code())
+        .map(|volume| (volume.at_ns as f64 - at(1.0) as f64) * 1e-9 - 2.0 * volume.index as f64)
+        .collect();
+    let rms = (late.iter().map(|s| s * s).sum::<f64>() / late.len() as f64).sqrt();
+    assert!((0.0012..0.0028).contains(&rms), "{rms}");
+    assert!(late.iter().all(|s| s.abs() <= 0.006 + 1e-9), "{late:?}");
+}
+
+#[test]
+fn the_key_5_takes_the_place_of_the_line() {
+    let plan = ScanPlan { pulses: Pulses::Key, gate_width_s: Some(0.05), ..plan(2.0, None) };
+    let mut tracker = ScanTracker::default();
+    tracker.begin(&plan, at(0.0));
+    tracker.begin_wait(&WAIT, 0, at(5.0));
+    // From the page's clock: before the wait, later than the time it is taken at, and twice.
+    for s in [4.9, 6.0, 6.0, 8.004, 9.998] {
+        tracker.see(LineEvent::Pulse, at(s - 0.3));
+        tracker.see_key(at(s));
+        tracker.advance(at(s));
+    }
+    assert_eq!(tracker.wait(&WAIT, at(16.0)), WaitState::Over(at(16.0)));
+    let volumes = volumes(&reports(&mut tracker));
+    let key = VolumeSource::Key.code();
+    let seen: Vec<_> = volumes.iter().map(|volume| (volume.at_ns, volume.source)).collect();
+    assert_eq!(seen, [(at(6.0), key), (at(8.004), key), (at(9.998), key)]);
+    assert_eq!(tracker.since_volume_s(at(11.0)), None, "no artefact is subtracted by them");
 }
 
 #[test]
@@ -167,7 +221,7 @@ fn another_process_goes_on_from_the_state_and_the_pulses_since() {
     // A spurious pulse before, and missing ones across, the kill.
     tracker.see(LineEvent::Pulse, at(8.2));
     pulses[4..10].iter().for_each(|pulse| tracker.see(LineEvent::Pulse, *pulse));
-    let mut resumed = ScanTracker::resume(tracker.state());
+    let mut resumed = ScanTracker::resume(tracker.state(), Pulses::Line);
     // The topic's history brings pulses that were counted before, too.
     pulses[5..10].iter().for_each(|pulse| resumed.see(LineEvent::Pulse, *pulse));
     for tracker in [&mut tracker, &mut resumed] {
@@ -188,7 +242,7 @@ fn a_process_that_takes_over_a_wait_gives_the_pulse_time_to_arrive() {
     let mut tracker = ScanTracker::default();
     tracker.begin(&plan(2.0, None), at(0.0));
     tracker.begin_wait(&WAIT, 0, at(0.0));
-    let mut resumed = ScanTracker::resume(tracker.state());
+    let mut resumed = ScanTracker::resume(tracker.state(), Pulses::Line);
     resumed.catch_up(at(60.5));
     assert_eq!(resumed.wait(&WAIT, at(61.0)), WaitState::Waiting);
     assert_eq!(resumed.wait(&WAIT, at(62.1)), WaitState::TimedOut);

@@ -18,6 +18,7 @@ fn in_session(run: u32, tracker: &mut SessionTracker, begun_ns: u64) {
         planned_s: 5.0,
         session,
         rest: false,
+        contraction: 0,
     };
     tracker.pass_edge(begun_ns - SECOND, SessionOutcome::Whole, Some(segment(0, begun_ns, None)));
     tracker.pass_edge(begun_ns, SessionOutcome::Whole, Some(segment(1, begun_ns, Some(1))));
@@ -61,7 +62,7 @@ fn samples_that_are_missing_count_in_their_session_alone() {
         (11_000..14_000, 1000),
         (1990..14_000, 10_000),
     ] {
-        let mut tracker = SessionTracker::default();
+        let mut tracker = SessionTracker::new(2000.0);
         in_session(1, &mut tracker, SECOND);
         let ticks = (500..14_000u64).filter(|tick| !left_out.contains(tick));
         let [result] = results(&mut tracker, ticks, 6 * SECOND)[..] else { panic!() };
@@ -72,7 +73,7 @@ fn samples_that_are_missing_count_in_their_session_alone() {
 
 #[test]
 fn a_second_protocol_knows_nothing_of_the_first() {
-    let mut tracker = SessionTracker::default();
+    let mut tracker = SessionTracker::new(2000.0);
     in_session(1, &mut tracker, SECOND);
     assert_eq!(results(&mut tracker, 500..13_000, 6 * SECOND)[0].samples_missed, 0);
     // Half an hour later; it begins with a session.
@@ -104,7 +105,7 @@ fn a_second_protocol_knows_nothing_of_the_first() {
 
 #[test]
 fn a_resumed_protocol_that_ends_before_it_goes_on_turns_the_light_red() {
-    let mut tracker = SessionTracker::default();
+    let mut tracker = SessionTracker::new(2000.0);
     tracker.begin(1, SessionPlan { sessions: 2, matched: None }, Some(&SessionState::default()));
     tracker.pass_edge(SECOND, SessionOutcome::Stopped, None);
     tracker.advance(2 * SECOND);

@@ -4,7 +4,7 @@
 use experiment::matching_bar::{Effort, HIGHEST, Matched, height};
 use experiment::session_state::{SessionState, SessionStep};
 use experiment::session_tracker::{PlayedSegment, SessionPlan, SessionReport, SessionTracker};
-use ipc_types::{Light, Performance, SessionOutcome, SessionResult};
+use ipc_types::{ANALOG, Light, Performance, SessionOutcome, SessionResult};
 use proptest::prelude::*;
 use rig::protocol::Signal;
 
@@ -41,6 +41,7 @@ fn segments(list: &[(Kind, f64)]) -> Vec<PlayedSegment> {
                 planned_s: *planned_s,
                 session: (*kind == Session).then_some(session),
                 rest: *kind == Rest,
+                contraction: 0,
             };
             begun_ns += (planned_s * 1e9) as u64;
             segment
@@ -61,7 +62,7 @@ fn play(
         sessions: segments.iter().filter(|segment| segment.session.is_some()).count() as u32,
         matched: signal.map(|signal| Matched { signal, axis: 0 }),
     };
-    let mut tracker = SessionTracker::default();
+    let mut tracker = SessionTracker::new(2000.0);
     tracker.begin(1, plan, None);
     let end_ns =
         segments.last().map_or(BEGIN, |last| last.begun_ns + (last.planned_s * 1e9) as u64);
@@ -84,7 +85,9 @@ fn play(
         }
         while next_ns <= now_ns {
             let (torque, activity) = effort((next_ns - BEGIN) as f64 * 1e-9);
-            tracker.see(Effort { at_ns: next_ns, tick, torque: [torque, 0.0, 0.0], activity });
+            let torque = [torque, 0.0, 0.0];
+            let none = Effort::default();
+            tracker.see(Effort { at_ns: next_ns, tick, torque, activity, ..none });
             (tick, next_ns) = (tick + 1, next_ns + SECOND / 2000);
         }
         tracker.advance(now_ns);
@@ -93,6 +96,7 @@ fn play(
                 SessionReport::Performance(message) => played.performance.push(message),
                 SessionReport::Started(number, _) => played.started.push(number),
                 SessionReport::Ended(result) => played.results.push(result),
+                SessionReport::Contracted(_) => panic!("none was measured"),
                 SessionReport::Step(_, step) => played.state.take(step),
             }
         }
@@ -257,7 +261,7 @@ fn sessions_that_match_nothing_have_sums_and_no_bar() {
 fn an_interrupted_session_is_counted_again_and_a_stopped_one_gives_no_target() {
     let plan =
         SessionPlan { sessions: 2, matched: Some(Matched { signal: Signal::Torque, axis: 0 }) };
-    let mut tracker = SessionTracker::default();
+    let mut tracker = SessionTracker::new(2000.0);
     tracker.begin(1, plan, None);
     let session = |begun_ns| PlayedSegment {
         segment: 0,
@@ -265,6 +269,7 @@ fn an_interrupted_session_is_counted_again_and_a_stopped_one_gives_no_target() {
         planned_s: 5.0,
         session: Some(1),
         rest: false,
+        contraction: 0,
     };
     tracker.pass_edge(0, SessionOutcome::Whole, Some(session(0)));
     let sample = |k: u64| Effort {
@@ -315,10 +320,16 @@ fn a_protocol_that_is_resumed_keeps_target_and_values() {
     }
     let plan =
         SessionPlan { sessions: 4, matched: Some(Matched { signal: Signal::Torque, axis: 0 }) };
-    let mut tracker = SessionTracker::default();
+    let mut tracker = SessionTracker::new(2000.0);
     tracker.begin(1, plan, Some(&state));
-    let rest =
-        PlayedSegment { segment: 3, begun_ns: SECOND, planned_s: 9.0, session: None, rest: true };
+    let rest = PlayedSegment {
+        segment: 3,
+        begun_ns: SECOND,
+        planned_s: 9.0,
+        session: None,
+        rest: true,
+        contraction: 0,
+    };
     tracker.pass_edge(SECOND, SessionOutcome::Interrupted, Some(rest));
     for k in 0..4000 {
         let at_ns = SECOND + k * SECOND / 2000;
@@ -342,16 +353,23 @@ fn a_protocol_that_is_resumed_keeps_target_and_values() {
 fn a_session_that_the_scanners_clock_ends_early_has_its_last_update() {
     let plan =
         SessionPlan { sessions: 1, matched: Some(Matched { signal: Signal::Torque, axis: 0 }) };
-    let mut tracker = SessionTracker::default();
+    let mut tracker = SessionTracker::new(2000.0);
     tracker.begin(1, plan, None);
-    let session =
-        PlayedSegment { segment: 0, begun_ns: 0, planned_s: 5.0, session: Some(1), rest: false };
+    let session = PlayedSegment {
+        segment: 0,
+        begun_ns: 0,
+        planned_s: 5.0,
+        session: Some(1),
+        rest: false,
+        contraction: 0,
+    };
     let centring = PlayedSegment {
         segment: 1,
         begun_ns: 4_998 * MS,
         planned_s: 3.0,
         session: None,
         rest: false,
+        contraction: 0,
     };
     tracker.pass_edge(0, SessionOutcome::Whole, Some(session));
     tracker.pass_edge(4_998 * MS, SessionOutcome::Whole, Some(centring));
@@ -375,6 +393,54 @@ fn a_session_that_the_scanners_clock_ends_early_has_its_last_update() {
     assert_eq!(tracker.state().values.len(), 5);
     // One that ends when it was planned reports each instant once.
     assert_eq!(shown.len(), 250);
+}
+
+#[test]
+fn a_contraction_has_the_maxima_of_its_own_samples() {
+    let mut tracker = SessionTracker::new(2000.0);
+    tracker.begin(1, SessionPlan { sessions: 2, matched: None }, None);
+    let contraction = |number: u32| PlayedSegment {
+        segment: number - 1,
+        begun_ns: u64::from(number - 1) * 2 * SECOND,
+        planned_s: 2.0,
+        session: Some(number),
+        rest: false,
+        contraction: 0b101,
+    };
+    tracker.pass_edge(0, SessionOutcome::Whole, Some(contraction(1)));
+    tracker.pass_edge(2 * SECOND, SessionOutcome::Whole, Some(contraction(2)));
+    tracker.pass_edge(4 * SECOND, SessionOutcome::Stopped, None);
+    let mut found = Vec::new();
+    for k in 0..8_400u64 {
+        let at_ns = k * SECOND / 2000;
+        let mut rectified = [f64::NAN; ANALOG];
+        // Half a second of 3 in the first contraction; 9 begins with the first sample after it.
+        rectified[0] = match k {
+            1000..2000 => 3.0,
+            4000.. => 9.0,
+            _ => 1.0,
+        };
+        rectified[1] = 7.0;
+        rectified[2] = if k < 4000 { k as f64 } else { 0.0 };
+        tracker.see(Effort { at_ns, tick: k, rectified, ..Effort::default() });
+        tracker.advance(at_ns);
+        while let Some(report) = tracker.take_report() {
+            if let SessionReport::Contracted(maximum) = report {
+                found.push(maximum);
+            }
+        }
+    }
+    let [first] = found[..] else { panic!("{found:?}: a contraction that is stopped counts not") };
+    assert_eq!((first.number, first.inputs, first.used), (1, 0b101, 0));
+    assert_eq!((first.begun_ns, first.ended_ns), (0, 2 * SECOND));
+    close(first.maximum[0], 3.0);
+    assert_eq!(first.maximum[1], 0.0, "it was not measured");
+    // The mean of the last thousand samples of the session.
+    close(first.maximum[2], 3499.5);
+    assert_eq!(tracker.state().maxima, first.maximum);
+    let mut state = tracker.state().clone();
+    state.take(SessionStep::Contracted([3.1; ANALOG]));
+    assert_eq!((state.maxima[0], state.maxima[2]), (3.1, first.maximum[2]), "the larger counts");
 }
 
 proptest! {

@@ -26,6 +26,8 @@ pub struct Scan {
     pub physical: Physical,
     /// Digital inputs, one bit each.
     pub digital_in: u32,
+    /// Digital outputs, one bit each.
+    pub digital_out: u32,
     /// What of the above is there.
     pub present: Present,
     /// Whether the card reports the motor power on.
@@ -63,6 +65,7 @@ impl Scan {
             analog_v: scan.analog_v,
             motor_v: scan.motor_v,
             digital_in: scan.digital_in,
+            digital_out: scan.digital_out,
             present,
             motor_power: scan.motor_power == 1,
             power_up: scan.incarnation,
@@ -118,6 +121,12 @@ pub trait Daq {
 
     /// Writes volts to the outputs; they hold until the next write.
     fn write(&mut self, volts: [f64; AXES]) -> Result<(), DaqError>;
+
+    /// Sets the digital outputs, one bit each; they hold until the next write, and show at the
+    /// latest once volts are written. A card without digital outputs accepts none that is high.
+    fn write_digital(&mut self, levels: u32) -> Result<(), DaqError> {
+        if levels == 0 { Ok(()) } else { Err(DaqError::NoOutput) }
+    }
 
     /// Scans that were dropped before they could be read, since this object was made.
     fn scans_missed(&self) -> u64;

@@ -139,8 +139,9 @@ impl Phase {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct VolumeClock {
     series: Series,
-    /// Time of the first pulse: other times are kept as distances from it (ns).
-    origin_ns: u64,
+    /// Time of the first pulse: other times are kept as distances from it (ns). Negative where the
+    /// computer has been started since.
+    origin_ns: i64,
     phase: Option<Phase>,
     /// The last spurious pulse, while nothing else has come since (ns).
     rejected_ns: Option<u64>,
@@ -156,7 +157,7 @@ impl VolumeClock {
     /// Takes a pulse; pulses come in the order of their times.
     pub fn pulse(&mut self, at_ns: u64) -> Counted {
         let Some(phase) = self.phase else {
-            self.origin_ns = at_ns;
+            self.origin_ns = at_ns.cast_signed();
             self.phase = Some(Phase::begin(0, 0.0, 1e9 * self.series.repetition_s));
             self.counts.volumes = 1;
             return Counted::Volume { index: 0, missed: 0 };
@@ -232,7 +233,15 @@ impl VolumeClock {
     }
 
     fn since_origin(&self, at_ns: u64) -> f64 {
-        at_ns as f64 - self.origin_ns as f64
+        at_ns.cast_signed().saturating_sub(self.origin_ns) as f64
+    }
+
+    /// The same clock where all times are later by this (ns): by those of another clock.
+    #[must_use]
+    pub fn shifted(self, by_ns: i64) -> Self {
+        let origin_ns = self.origin_ns.saturating_add(by_ns);
+        // A single pulse of another time tells nothing any more.
+        Self { origin_ns, rejected_ns: None, ..self }
     }
 
     fn is_beyond(&self, index: u64) -> bool {

@@ -112,6 +112,7 @@ pub struct Card {
     /// Motor power is cut this long after the last valid toggle of the enable line (ns).
     enable_line_timeout_ns: u64,
     dac_v: [f64; AXES],
+    digital_out: u32,
     /// Incarnation of the watchdog that last drove the enable line, and its toggle count.
     enable_line: Option<(u64, u64)>,
     /// Time of the last edge (ns).
@@ -200,6 +201,7 @@ impl Card {
             power_up: PowerUp::default(),
             enable_line_timeout_ns,
             dac_v: [0.0; AXES],
+            digital_out: 0,
             enable_line: None,
             edge_at_ns: None,
             alive_at_ns: None,
@@ -232,6 +234,11 @@ impl Card {
         self.dac_v = volts.map(|v| if v.is_finite() { v } else { 0.0 });
         self.output_sequence = sequence;
         self.output_incarnation = incarnation;
+    }
+
+    /// Sets the digital outputs, one bit each; they hold until the next call.
+    pub const fn set_digital(&mut self, levels: u32) {
+        self.digital_out = levels;
     }
 
     /// Shows the subject at the handle the light and the bars.
@@ -287,6 +294,7 @@ impl Card {
             scan_time_ns: time_ns,
             taken_tick: self.taken_tick,
             dac_v: self.dac_v,
+            digital_out: self.digital_out,
             motor_v,
             output_sequence: self.output_sequence,
             output_incarnation: self.output_incarnation,

@@ -46,6 +46,7 @@ pub fn run(rig_name: &str, rig: &RigFile, effects: &[String]) -> Result<(), Simu
         }
         while let Some(output) = outputs.take()? {
             card.write(output.volts, output.sequence, output.incarnation);
+            card.set_digital(output.digital_out);
             card.taken(output.taken_tick);
         }
         while let Some(performance) = shown.take()? {

@@ -6,7 +6,8 @@ use std::time::{Duration, Instant};
 use anyhow::{Context as _, bail};
 use ipc_types::{
     CARD_SCAN, COMMAND, CardScan, EnableToken, ExperimentRequest, GateCause, GateState,
-    LoggerRequest, MotorCommand, Process, SAMPLE, Sample, TOKEN, TripCause, Verb, WatchdogState,
+    LoggerRequest, MotorCommand, Process, PulseSource, SAMPLE, Sample, TOKEN, TripCause, Verb,
+    WatchdogState,
 };
 use operator::{RigLink, Up};
 use rig::load_protocol;
@@ -234,7 +235,7 @@ impl<'a> Session<'a> {
             protocol: protocol.text().to_owned(),
             name: protocol.file_name().to_owned(),
             client,
-            emulate_scanner_s: None,
+            pulses: PulseSource::Line,
         };
         loop {
             let begun = self.link.experiment(&request)?;

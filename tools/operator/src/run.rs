@@ -1,7 +1,6 @@
 //! Runs a protocol: sends it to the experiment process, enables the motor, and follows both until
 //! the protocol ends.
 
-use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
@@ -9,13 +8,10 @@ use ipc_types::{
     EnableToken, ExperimentAnswer, ExperimentRequest, LoggerRequest, ScanProgress, SessionProgress,
     TOKEN, TripCause, Verb, WatchdogState,
 };
-use recording::mcap_read::Recording;
-use recording::mcap_write::key;
-use rig::protocol::{Protocol, with_overrides};
-use runtime::clock::now_ns;
 use runtime::{RequestError, Subscriber};
 use serde::Serialize;
 
+use crate::chosen_protocol::ChosenProtocol;
 use crate::initialise_results::{FoundRange, Ranges};
 use crate::status::{active_cause, active_faults, state_of};
 use crate::{Error, RigLink, rig_of, verb};
@@ -24,35 +20,8 @@ use crate::{Error, RigLink, rig_of, verb};
 const TOKEN_LIMIT: Duration = Duration::from_secs(1);
 /// Longest absence of the experiment process: the launcher restarts it and it resumes.
 const ABSENCE_LIMIT: Duration = Duration::from_secs(10);
-/// Key of the overrides in a run's metadata.
-const OVERRIDES: &str = "protocol_overrides";
 /// Polling period of the progress.
 const POLL_PERIOD: Duration = Duration::from_millis(100);
-
-/// What to run.
-#[derive(Clone, Debug, Default, clap::Args)]
-pub struct RunOptions {
-    /// Protocol file, or the name of a protocol shipped with farreach
-    #[arg(value_name = "FILE|NAME", required_unless_present = "from")]
-    pub protocol: Option<PathBuf>,
-    /// Repeats the protocol that was played last in a recording, with its values and its subject
-    #[arg(long, value_name = "RECORDING", conflicts_with = "protocol")]
-    pub from: Option<PathBuf>,
-    /// Overrides a value of the protocol before the protocol is checked (repeatable)
-    #[arg(long = "set", value_name = "KEY=VALUE")]
-    pub overrides: Vec<String>,
-    /// Subject code, stored in the recording
-    #[arg(long, value_name = "ID")]
-    pub subject: Option<String>,
-    /// Plays without a scanner: pulses with this repetition time (s) take the place of the trigger
-    /// line, from 1 s after the wait for the scanner began
-    #[arg(long, value_name = "TR")]
-    pub emulate_scanner: Option<f64>,
-    /// Writes a MATLAB file at the end of each session: NAME1.mat, NAME2.mat, …; the rig must be
-    /// recording
-    #[arg(long, value_name = "NAME")]
-    pub mat: Option<PathBuf>,
-}
 
 /// Progress of a protocol; zeros before the first answer.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -114,8 +83,7 @@ pub fn run_protocol(
     stop: &AtomicBool,
     progress: &mut dyn FnMut(&Progress),
 ) -> Result<RunOutcome, Error> {
-    let ChosenProtocol { protocol, subject, emulate_scanner_s, .. } = chosen;
-    let emulate_scanner_s = *emulate_scanner_s;
+    let (protocol, pulses, client) = (chosen.protocol(), chosen.pulses(), chosen.client());
     let rig = rig_of(link.domain().name())?;
     protocol.check_against(&rig)?;
     let mut tokens = Tokens::new(link)?;
@@ -127,17 +95,16 @@ pub fn run_protocol(
             segments: before.segments,
         });
     }
-    let client = chosen.client;
-    let name = match subject {
-        Some(subject) => format!("{} (subject {subject})", protocol.name),
-        None => protocol.name.clone(),
-    };
+    let name = chosen.name();
     let text = protocol.text().to_owned();
     let token = tokens.wait()?;
     if matches!(state_of(&token), WatchdogState::Enabled | WatchdogState::Armed) {
         // Before the motor gets power for a protocol that cannot be played.
-        let (protocol, name) = (text.clone(), name.clone());
-        let check = ExperimentRequest::Check { protocol, name, emulate_scanner_s };
+        let (protocol, name, pulses) = (text.clone(), name.clone(), pulses.clone());
+        let check = match chosen.continues() {
+            Some(_) => ExperimentRequest::Interrupted,
+            None => ExperimentRequest::Check { protocol, name, pulses },
+        };
         accepted(&link.experiment(&check)?)?;
     }
     match state_of(&token) {
@@ -152,17 +119,19 @@ pub fn run_protocol(
             return Err(Error::NotArmed { state, cause });
         }
     }
-    record_run(link, chosen)?;
+    link.logger(&LoggerRequest::Run { metadata: chosen.metadata() })?;
     let found = Ranges::new(link, rig)?;
     if stop.load(Ordering::Relaxed) {
         return Ok(RunOutcome::Stopped { elapsed_s: 0.0 });
     }
-    let begun = link
-        .experiment(&ExperimentRequest::Run { protocol: text, name, client, emulate_scanner_s })
-        .inspect_err(|_| {
-            // The request may have arrived although the answer did not.
-            let _stopped = link.experiment(&ExperimentRequest::Stop { client: Some(client) });
-        })?;
+    let request = match chosen.continues() {
+        Some(_) => ExperimentRequest::Continue { client },
+        None => ExperimentRequest::Run { protocol: text, name, client, pulses: pulses.clone() },
+    };
+    let begun = link.experiment(&request).inspect_err(|_| {
+        // The request may have arrived although the answer did not.
+        let _stopped = link.experiment(&ExperimentRequest::Stop { client: Some(client) });
+    })?;
     accepted(&begun)?;
     let mut following = Following { link, client, tokens, found };
     following.until_the_end(stop, progress)
@@ -184,79 +153,6 @@ pub fn resume_protocol(
     let tokens = Tokens::new(link)?;
     let found = Ranges::new(link, rig)?;
     Following { link, client, tokens, found }.until_the_end(stop, progress)
-}
-
-/// A protocol that was chosen and read, with what its recording is to say of it.
-pub struct ChosenProtocol {
-    protocol: Protocol,
-    /// Number of the client that runs it.
-    client: u64,
-    subject: Option<String>,
-    emulate_scanner_s: Option<f64>,
-    /// All overrides that made its text, in their order.
-    overrides: Vec<String>,
-    /// Identity of the text without the overrides of the options, where these changed it.
-    original: Option<u64>,
-}
-
-impl ChosenProtocol {
-    /// The protocol.
-    pub const fn protocol(&self) -> &Protocol {
-        &self.protocol
-    }
-
-    /// Number of the client that runs it.
-    pub const fn client(&self) -> u64 {
-        self.client
-    }
-
-    /// Reads the protocol that the options name.
-    ///
-    /// # Errors
-    /// If the file or the recording cannot be read, or the protocol is invalid.
-    pub fn new(options: &RunOptions) -> Result<Self, Error> {
-        let asked = options.protocol.as_deref().unwrap_or(Path::new(""));
-        let mut chosen = match &options.from {
-            Some(path) => Self::recorded(path, &options.overrides)?,
-            None => Self::of(rig::load_protocol(asked, &options.overrides)?),
-        };
-        // Without its overrides a protocol may be incomplete: then there is no identity to name.
-        if !options.overrides.is_empty() && options.from.is_none() {
-            chosen.original = rig::load_protocol(asked, &[]).ok().map(|text| text.identity());
-        }
-        chosen.overrides.extend(options.overrides.iter().cloned());
-        chosen.subject = options.subject.clone().or(chosen.subject);
-        chosen.emulate_scanner_s = options.emulate_scanner;
-        Ok(chosen)
-    }
-
-    fn of(protocol: Protocol) -> Self {
-        Self {
-            protocol,
-            client: client_number(),
-            subject: None,
-            emulate_scanner_s: None,
-            overrides: Vec::new(),
-            original: None,
-        }
-    }
-
-    /// The protocol that was played last in a recording, with further overrides.
-    fn recorded(path: &Path, overrides: &[String]) -> Result<Self, Error> {
-        let recording = Recording::open(path)?;
-        let played = recording.runs().filter_map(|run| Some((run, run.get(key::PROTOCOL_FILE)?)));
-        let Some((run, text)) = played.last() else {
-            return Err(Error::NothingPlayed(path.to_owned()));
-        };
-        let name = run.get(key::PROTOCOL).map_or("the protocol", String::as_str);
-        let name = format!("{} ({name})", path.display());
-        let text = with_overrides(text, &name, overrides)?;
-        Ok(Self {
-            subject: run.get(key::SUBJECT).cloned(),
-            overrides: run.get(OVERRIDES).cloned().into_iter().collect(),
-            ..Self::of(Protocol::parse(&text, &name)?)
-        })
-    }
 }
 
 /// Whether an answer reports no error.
@@ -343,26 +239,6 @@ impl Progress {
     }
 }
 
-/// Tells the logger what is about to run, so that the recording stands alone: the protocol's text
-/// with the overrides applied, the overrides, the identity of the text without them, the subject,
-/// the emulated scanner.
-fn record_run(link: &RigLink, chosen: &ChosenProtocol) -> Result<(), Error> {
-    let ChosenProtocol { protocol, subject, emulate_scanner_s, overrides, original, .. } = chosen;
-    let all = (!overrides.is_empty()).then(|| overrides.join("\n"));
-    let entries = [
-        (key::PROTOCOL, Some(protocol.name.clone())),
-        (key::PROTOCOL_FILE, Some(protocol.text().to_owned())),
-        (OVERRIDES, all),
-        ("protocol_identity", original.map(|identity| format!("{identity:016x}"))),
-        (key::SUBJECT, subject.clone()),
-        ("emulate_scanner_s", emulate_scanner_s.map(|repetition_s| repetition_s.to_string())),
-    ];
-    let metadata =
-        entries.into_iter().filter_map(|(key, value)| Some((key.to_owned(), value?))).collect();
-    link.logger(&LoggerRequest::Run { metadata })?;
-    Ok(())
-}
-
 fn tripped(token: &EnableToken) -> RunOutcome {
     RunOutcome::Tripped {
         state: state_of(token),
@@ -384,11 +260,6 @@ pub fn stop_protocol(link: &RigLink) -> Result<Option<ExperimentAnswer>, Error> 
     let after = link.experiment(&ExperimentRequest::Stop { client: None })?;
     // It may have ended by itself in between.
     if after.running { Err(Error::Experiment(after.error)) } else { Ok(Some(after)) }
-}
-
-/// A number that no other client of the rig has: the process and the time.
-pub fn client_number() -> u64 {
-    u64::from(std::process::id()) << 40 ^ now_ns()
 }
 
 /// The outcome in an answer; `None` while the protocol runs.

@@ -11,7 +11,7 @@ use recorder::WantedSession;
 use rig::protocol::Protocol;
 use runtime::clock::now_ns;
 
-use crate::RigLink;
+use crate::{ChosenProtocol, RigLink};
 
 /// How long the end of a session may take to be on the disk.
 const WRITTEN_LIMIT: Duration = Duration::from_secs(10);
@@ -41,21 +41,24 @@ pub struct SessionFiles {
 
 impl SessionFiles {
     /// Checks, before anything moves, that files `NAME1.mat` to `NAMEn.mat` can be written for a
-    /// protocol, from the recording in progress.
+    /// protocol, from the recording in progress; of one that is continued, those of the sessions
+    /// that remain.
     ///
     /// # Errors
     /// Where the protocol has no sessions, nothing is recorded, or one of the files is there.
-    pub fn new(link: &RigLink, protocol: &Protocol, name: &Path) -> anyhow::Result<Self> {
-        let sessions = sessions_of(protocol);
-        let recording = Self::check(link, protocol, name)?;
-        Ok(Self { begun: false, ..Self::begin(recording, name, sessions, 0, now_ns()) })
+    pub fn new(link: &RigLink, chosen: &ChosenProtocol, name: &Path) -> anyhow::Result<Self> {
+        let sessions = sessions_of(chosen.protocol());
+        let recording = Self::check(link, chosen, name)?;
+        let over = chosen.continues().unwrap_or(0);
+        Ok(Self { begun: false, ..Self::begin(recording, name, sessions, over, now_ns()) })
     }
 
     /// Whether the files of a protocol's sessions can be written; the recording in progress.
     ///
     /// # Errors
     /// As [`SessionFiles::new`].
-    pub fn check(link: &RigLink, protocol: &Protocol, name: &Path) -> anyhow::Result<PathBuf> {
+    pub fn check(link: &RigLink, chosen: &ChosenProtocol, name: &Path) -> anyhow::Result<PathBuf> {
+        let protocol = chosen.protocol();
         let sessions = sessions_of(protocol);
         if sessions == 0 {
             bail!("--mat: the protocol \"{}\" has no sessions", protocol.name);
@@ -65,7 +68,8 @@ impl SessionFiles {
              `farreach rec start FILE` first",
         )?;
         let taken = |number: &u32| recorder::session_path(name, *number).exists();
-        if let Some(number) = (1..=sessions).find(taken) {
+        let over = chosen.continues().unwrap_or(0);
+        if let Some(number) = (over + 1..=sessions).find(taken) {
             let taken = recorder::session_path(name, number);
             bail!("--mat: {} is there already; files are never overwritten", taken.display());
         }

@@ -290,6 +290,7 @@ fn emg(muscles: Muscles, samples: usize) -> Value {
         ("groups", Value::texts(muscles.groups)),
         ("filtered", Value::Matrix(samples, muscles.filtered)),
         ("envelope", Value::Matrix(samples, muscles.envelope)),
+        ("maximum", Value::column(muscles.maximum)),
         ("artefact_suppressed", Value::column(muscles.suppressed)),
     ])
 }

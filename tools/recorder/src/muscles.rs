@@ -4,6 +4,7 @@ use std::ops::Range;
 
 use anyhow::Context;
 use emg::{InVolume, offline_artefact, zero_phase};
+use ipc_types::{ANALOG, EMG_MAXIMUM, EmgMaximum};
 use recording::mcap_read::Recording;
 use rig::{Channel, ChannelKind, RigFile};
 use scanner::{TimingLine, VolumeTime};
@@ -32,6 +33,8 @@ pub(crate) struct Muscles {
     pub(crate) filtered: Vec<Vec<f64>>,
     /// Envelopes of their magnitudes.
     pub(crate) envelope: Vec<Vec<f64>>,
+    /// Maxima in voluntary contractions; NaN where there are none.
+    pub(crate) maximum: Vec<f64>,
     /// For each electrode the share of the samples from which an artefact was subtracted.
     pub(crate) suppressed: Vec<f64>,
 }
@@ -65,6 +68,7 @@ pub(crate) fn muscles(
     let kept = samples.times_ns.partition_point(|at_ns| *at_ns < times.start)
         ..samples.times_ns.partition_point(|at_ns| *at_ns < times.end);
     let rate_hz = f64::from(samples.rig.rates.acquisition_hz);
+    let maxima = maxima(recording, times.end)?;
     let mut found = Muscles::default();
     for (signal, column) in samples.signals.iter().zip(&samples.columns) {
         let Source::Analog(input, _) = signal.source else { continue };
@@ -92,12 +96,34 @@ pub(crate) fn muscles(
         found.filtered.push(each().map(|(a, raw)| finite(a.filtered, raw)).collect());
         found.envelope.push(each().map(|(a, raw)| finite(a.envelope, raw)).collect());
         found.suppressed.push(suppressed as f64 / kept.len().max(1) as f64);
+        let maximum = maxima.get(input).copied().filter(|maximum| *maximum > 0.0);
+        found.maximum.push(maximum.unwrap_or(f64::NAN));
         found.names.push(channel.name.clone());
         found.units.push(channel.unit.clone());
         found.muscles.push(channel.muscle.clone());
         found.groups.push(channel.group.map_or("", emg::Group::word));
     }
     Ok(found)
+}
+
+/// The maxima of the electrodes before a time (ns, CLOCK_MONOTONIC), by input: those that a
+/// protocol used last, or the largest that were measured since; 0 where there are none.
+fn maxima(recording: &Recording, until_ns: u64) -> anyhow::Result<[f64; ANALOG]> {
+    let mut newest = [0.0_f64; ANALOG];
+    for message in recording.messages_if_any::<EmgMaximum>(EMG_MAXIMUM.topic.name)? {
+        let found = message?.message;
+        if found.ended_ns > until_ns {
+            continue;
+        }
+        if found.used != 0 {
+            newest = [0.0; ANALOG];
+        }
+        let measured = |at: &usize| found.inputs & 1 << at != 0;
+        for at in (0..ANALOG).filter(measured) {
+            newest[at] = newest[at].max(found.maximum[at]);
+        }
+    }
+    Ok(newest)
 }
 
 fn electrode(rig: &RigFile, input: usize) -> Option<&Channel> {

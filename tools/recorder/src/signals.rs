@@ -4,7 +4,7 @@ use anyhow::Context;
 use ipc_types::{ANALOG, AXES, Sample};
 use recording::mcap_read::Recording;
 use recording::mcap_write::key;
-use rig::{AxisUnit, ChannelKind, RigFile};
+use rig::{AxisUnit, ChannelKind, RigFile, SyncOutput};
 
 /// One signal of every sample.
 #[derive(Clone, Debug, PartialEq)]
@@ -29,6 +29,8 @@ pub(crate) enum Source {
     MotorVolts(usize),
     /// An input of the card, with the measured quantity for a volt.
     Analog(usize, f64),
+    /// The digital output for sessions: 1 during its pulse.
+    Sync(SyncOutput),
 }
 
 impl Signal {
@@ -49,6 +51,10 @@ impl Signal {
             Source::Analog(input, per_v) => {
                 (sample.analog_present & 1 << input != 0, per_v * sample.analog_v[input])
             }
+            Source::Sync(output) => {
+                let level = sample.digital_out & 1 << output.output;
+                (true, f64::from(level == output.levels(true)))
+            }
         };
         if value.0 { value.1 } else { f64::NAN }
     }
@@ -68,7 +74,7 @@ pub(crate) fn rig_file(recording: &Recording) -> anyhow::Result<RigFile> {
 }
 
 /// The signals of a rig: positions, torque and motor voltage of each axis, then the inputs of the
-/// card. A torque cell's input is left out, as its torque is there.
+/// card, and the output for sessions. A torque cell's input is left out, as its torque is there.
 pub fn signals(rig: &RigFile) -> Vec<Signal> {
     let mut signals = Vec::new();
     for (at, axis) in rig.axes.iter().enumerate().take(AXES) {
@@ -93,6 +99,10 @@ pub fn signals(rig: &RigFile) -> Vec<Signal> {
     signals.extend(inputs.filter(|channel| channel.kind != ChannelKind::Torque).map(|channel| {
         let source = Source::Analog(channel.index, channel.per_v);
         Signal { name: channel.name.clone(), unit: channel.unit.clone(), source }
+    }));
+    signals.extend(rig.sync.map(|output| {
+        let (name, unit) = ("sync_output".to_owned(), "1".to_owned());
+        Signal { name, unit, source: Source::Sync(output) }
     }));
     signals
 }

@@ -6,7 +6,7 @@ use std::ops::Range;
 use std::path::Path;
 
 use anyhow::{Context, bail};
-use ipc_types::{LineEvent, SCANNER, ScannerPulse, VOLUME, Volume, VolumeSource};
+use ipc_types::{LineEvent, SCANNER, SCANNER_KEY, ScannerPulse, VOLUME, Volume, VolumeSource};
 use recording::mcap_read::Recording;
 use report::{Colour, Figure};
 use scanner::{Counts, REPETITION_S, Series, TimingLine, VolumeTime, between, reconcile};
@@ -100,14 +100,16 @@ pub(crate) fn volumes(
     Ok(code)
 }
 
-/// The pulses of the trigger line, in the order of their times; none where the topic is missing.
+/// The pulses of the trigger line and of the key 5, in the order of their times; none where the
+/// topics are missing.
 fn pulses(recording: &Recording) -> anyhow::Result<Vec<u64>> {
-    let messages = recording.messages_if_any::<ScannerPulse>(SCANNER.topic.name)?;
     let mut times = Vec::new();
-    for message in messages {
-        let pulse = message?.message;
-        if pulse.kind == LineEvent::Pulse.code() {
-            times.push(pulse.at_ns);
+    for topic in [&SCANNER.topic, &SCANNER_KEY.topic] {
+        for message in recording.messages_if_any::<ScannerPulse>(topic.name)? {
+            let pulse = message?.message;
+            if pulse.kind == LineEvent::Pulse.code() {
+                times.push(pulse.at_ns);
+            }
         }
     }
     times.sort_unstable();
@@ -115,7 +117,7 @@ fn pulses(recording: &Recording) -> anyhow::Result<Vec<u64>> {
     Ok(times)
 }
 
-/// Numbers the pulses of the trigger line.
+/// Numbers the pulses of the trigger line, or of the key 5.
 fn numbered_anew(recording: &Recording, series: Series) -> anyhow::Result<Vec<Scan>> {
     let found = reconcile(pulses(recording)?, series);
     if found.volumes.is_empty() {
@@ -256,10 +258,15 @@ fn tell(file: &Path, at: usize, scan: &Scan, out: &mut dyn Write) -> anyhow::Res
         0 => String::new(),
         expected => format!(" of {}", grouped(expected)),
     };
-    let emulated = if scan.emulated { " (emulated)" } else { "" };
+    let has = |source: VolumeSource| scan.rows.iter().any(|row| row.source == source.text());
+    let source = match (scan.emulated, has(VolumeSource::Key)) {
+        (true, _) => " (emulated)",
+        (_, true) => " (key 5)",
+        _ => "",
+    };
     writeln!(
         out,
-        "{}: scan {}{emulated}: {}{expected} volumes",
+        "{}: scan {}{source}: {}{expected} volumes",
         file.display(),
         at + 1,
         grouped(scan.counted())

@@ -8,8 +8,8 @@ use std::fs;
 use std::path::Path;
 
 use ipc_types::{
-    Event, EventKind, Light, Message, PERFORMANCE, Performance, Process, SAMPLE, SESSION, Sample,
-    SessionOutcome, SessionResult, Severity, VOLUME, event_topic,
+    ANALOG, EMG_MAXIMUM, EmgMaximum, Event, EventKind, Light, Message, PERFORMANCE, Performance,
+    Process, SAMPLE, SESSION, Sample, SessionOutcome, SessionResult, Severity, VOLUME, event_topic,
 };
 use recorder::{DONE, WantedSession};
 use recording::mcap_write::{Start, Writer, key};
@@ -275,6 +275,13 @@ fn the_scanners_artefact_is_taken_out_of_sessions_shorter_than_its_average() {
     };
     result.stamp(11, 44, 0, result.ended_ns);
     writer.write_message(&SESSION, &result).unwrap();
+    // Measured twice before, the second time at one input; and after the session.
+    for (ended_ns, inputs, value) in [(1, 0b111 << 2, 0.5), (2, 1 << 3, 0.7), (1 << 40, 4, 9.0)] {
+        let mut maximum =
+            EmgMaximum { ended_ns, inputs, maximum: [value; ANALOG], ..EmgMaximum::default() };
+        maximum.stamp(11, 44, ended_ns, ended_ns);
+        writer.write_message(&EMG_MAXIMUM, &maximum).unwrap();
+    }
     writer.finish(&[]).unwrap();
     let (run, name) = (path.to_str().unwrap().to_owned(), folder.text("S"));
     let (code, _) = rec(&["export", &run, "--to", "mat", "-o", &name]);
@@ -283,6 +290,9 @@ fn the_scanners_artefact_is_taken_out_of_sessions_shorter_than_its_average() {
     let emg = mat.at("emg");
     assert_eq!(emg.at("filtered").size(), [2000, 6]);
     assert_eq!(emg.at("artefact_suppressed").numbers(), [1.0; 6]);
+    let maximum = emg.at("maximum").numbers();
+    let known: Vec<f64> = maximum.iter().copied().filter(|value| !value.is_nan()).collect();
+    assert_eq!(known, [0.5, 0.7, 0.5], "{maximum:?}");
     let rms = |values: &dyn Fn(usize) -> f64| {
         ((0..2000).map(|at| values(at).powi(2)).sum::<f64>() / 2000.0).sqrt()
     };

@@ -29,6 +29,8 @@ pub(crate) struct Command {
     /// Number of the page.
     pub(crate) page: u64,
     pub(crate) request: Request,
+    /// When the page asked for it (ns, CLOCK_MONOTONIC).
+    pub(crate) at_ns: u64,
     pub(crate) answer: oneshot::Sender<Answer>,
 }
 
@@ -115,7 +117,7 @@ impl Commander {
         let mut thread = CommandThread { commander: self, link: None };
         // The first command shall find the link made; where that fails, it tries again.
         let _linked = thread.link().is_ok();
-        while let Ok(Command { page, request, answer }) = commands.recv() {
+        while let Ok(Command { page, request, at_ns, answer }) = commands.recv() {
             // The page may have lost control, or be gone, while its command waited. What stops the
             // rig was allowed when it came, and is done although its page has gone.
             let may = match request.level() {
@@ -123,7 +125,7 @@ impl Commander {
                 Level::Anyone | Level::Token => Ok(()),
             };
             let answered = match may {
-                Ok(()) => thread.perform(&request).unwrap_or_else(|error| {
+                Ok(()) => thread.perform(&request, at_ns).unwrap_or_else(|error| {
                     // The next command tries with a new link.
                     thread.link = None;
                     Answer::refused(format!("{error:#}"))
@@ -145,12 +147,14 @@ impl CommandThread {
         Ok(self.link.insert(link))
     }
 
-    fn perform(&mut self, request: &Request) -> anyhow::Result<Answer> {
+    fn perform(&mut self, request: &Request, at_ns: u64) -> anyhow::Result<Answer> {
         Ok(match request {
             Request::Verb { verb } => self.verb(*verb)?,
             Request::Stop => self.stop()?,
+            Request::Pulse { .. } => self.pulse(at_ns)?,
             Request::Describe { protocol } => describe(protocol),
             Request::Build(setup) => self.build(setup)?,
+            Request::Interrupted { subject, files } => self.build_interrupted(subject, files)?,
             Request::Initialise => self.order(Order::Home, "the machine looks for its stops"),
             Request::Start { build } => self.start(build),
             Request::Note { text } => {
@@ -163,7 +167,8 @@ impl CommandThread {
             Request::Hello { .. }
             | Request::TakeControl
             | Request::Echo { .. }
-            | Request::Shown { .. } => Answer::refused("this is answered elsewhere"),
+            | Request::Shown { .. }
+            | Request::Sounded { .. } => Answer::refused("this is answered elsewhere"),
         })
     }
 
@@ -194,6 +199,19 @@ impl CommandThread {
         })
     }
 
+    /// A pulse of the scanner for the protocol that the console plays.
+    fn pulse(&mut self, at_ns: u64) -> anyhow::Result<Answer> {
+        let client = self.commander.shared.desk().playing.as_ref().map(|playing| playing.client);
+        let Some(client) = client else {
+            return Ok(Answer::refused("the key 5 was not counted: no protocol is running"));
+        };
+        let answer = self.link()?.experiment(&ExperimentRequest::Pulse { client, at_ns })?;
+        Ok(match answer.error {
+            error if error.is_empty() => Answer::done("a pulse of the scanner, by the key 5"),
+            error => Answer::refused(error),
+        })
+    }
+
     fn build(&mut self, setup: &Setup) -> anyhow::Result<Answer> {
         if self.is_running() {
             return Ok(Answer::refused("a protocol is running; wait for its end, or stop it"));
@@ -204,24 +222,47 @@ impl CommandThread {
             Ok(chosen) => chosen,
             Err(error) => return Ok(refused_setup(&error)),
         };
-        let files = match setup.files.trim() {
+        self.built(chosen, &setup.files)
+    }
+
+    /// Builds the protocol that was interrupted, so that it can be continued.
+    fn build_interrupted(&mut self, subject: &str, files: &str) -> anyhow::Result<Answer> {
+        if self.is_running() {
+            return Ok(Answer::refused("a protocol is running; wait for its end, or stop it"));
+        }
+        self.commander.shared.desk().built = None;
+        let subject = Some(subject.to_owned()).filter(|subject| !subject.is_empty());
+        let options = RunOptions { subject, ..RunOptions::default() };
+        let chosen = ChosenProtocol::interrupted(self.link()?, &options)?;
+        self.built(chosen, files)
+    }
+
+    /// Keeps a protocol that was read, for a start.
+    fn built(&mut self, chosen: ChosenProtocol, files: &str) -> anyhow::Result<Answer> {
+        let files = match files.trim() {
             "" => None,
             name => Some(self.files(&chosen, name)?),
         };
         // What hinders a start now may be gone by then: an axis that is not homed.
-        let before = self.hindrance(&chosen, setup.emulate_scanner_s)?;
+        let before = self.hindrance(&chosen)?;
         let before =
             before.map_or_else(String::new, |reason| format!("; before it starts: {reason}"));
         let id = format!("{:016x}", random_u64());
         let protocol = chosen.protocol();
         let (name, duration_s) = (protocol.name.clone(), protocol.duration_s());
-        let built = Built { id: id.clone(), chosen, subject: setup.subject.clone(), files };
+        let from = match chosen.continues() {
+            None => String::new(),
+            Some(0) => ", and begins with its first session again".to_owned(),
+            Some(over) => format!(", and goes on after session {over}"),
+        };
+        let subject = chosen.subject().unwrap_or("").to_owned();
+        let built = Built { id: id.clone(), chosen, subject, files };
         let mut desk = self.commander.shared.desk();
         desk.built = Some(Arc::new(built));
         self.commander.shared.show(&desk);
         Ok(Answer {
             data: json!({ "build": id }),
-            ..Answer::done(format!("{name} is ready, {duration_s:.0} s at most{before}"))
+            ..Answer::done(format!("{name} is ready, {duration_s:.0} s at most{from}{before}"))
         })
     }
 
@@ -233,25 +274,25 @@ impl CommandThread {
             protocol: Some(PathBuf::from(&setup.protocol)),
             overrides: overrides.collect(),
             subject,
-            emulate_scanner: setup.emulate_scanner_s,
             ..RunOptions::default()
-        };
+        }
+        .with_pulses(setup.scanner.clone());
         let chosen = ChosenProtocol::new(&options)?;
         chosen.protocol().check_against(&self.commander.rig)?;
         Ok(chosen)
     }
 
     /// Why the protocol could not be played now.
-    fn hindrance(
-        &mut self,
-        chosen: &ChosenProtocol,
-        emulate_scanner_s: Option<f64>,
-    ) -> anyhow::Result<Option<String>> {
+    fn hindrance(&mut self, chosen: &ChosenProtocol) -> anyhow::Result<Option<String>> {
         let protocol = chosen.protocol();
+        if chosen.continues().is_some() {
+            let answer = self.link()?.experiment(&ExperimentRequest::Interrupted)?;
+            return Ok(Some(answer.error).filter(|error| !error.is_empty()));
+        }
         let answer = self.link()?.experiment(&ExperimentRequest::Check {
             protocol: protocol.text().to_owned(),
             name: protocol.name.clone(),
-            emulate_scanner_s,
+            pulses: chosen.pulses().clone(),
         })?;
         Ok(Some(answer.error).filter(|error| !error.is_empty()))
     }
@@ -263,7 +304,7 @@ impl CommandThread {
         let beside = recording.as_deref().and_then(Path::parent).unwrap_or(Path::new("/"));
         // An absolute name stands for itself.
         let name = beside.join(name);
-        SessionFiles::check(link, chosen.protocol(), &name)?;
+        SessionFiles::check(link, chosen, &name)?;
         Ok(name)
     }
 

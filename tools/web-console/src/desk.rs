@@ -87,6 +87,10 @@ pub(crate) struct Built {
 pub(crate) struct Playing {
     pub(crate) name: String,
     pub(crate) subject: String,
+    /// Number of the client that it belongs to.
+    pub(crate) client: u64,
+    /// Whether the key 5 is a pulse of the scanner.
+    pub(crate) takes_keys: bool,
     /// Its segments, for the timeline.
     pub(crate) segments: Vec<Planned>,
     pub(crate) progress: Progress,
@@ -154,6 +158,7 @@ impl Desk {
             json!({
                 "name": playing.name,
                 "subject": playing.subject,
+                "takes_keys": playing.takes_keys,
                 "elapsed_s": elapsed_s,
                 "duration_s": duration_s,
                 "segment": segment,

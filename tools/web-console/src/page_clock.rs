@@ -65,13 +65,22 @@ impl PageClock {
         Some(Estimate { offset_ms: best.offset_ms, round_trip_ms: best.round_trip_ms })
     }
 
+    /// An instant of the page's clock as `CLOCK_MONOTONIC` (ns); `None` before the first exchange.
+    pub(crate) fn monotonic_ns(&self, page_ms: f64) -> Option<u64> {
+        // A number beyond the range becomes its end, NaN 0: neither is near the present.
+        self.estimate().map(|estimate| (1e6 * (page_ms - estimate.offset_ms)).round() as u64)
+    }
+
+    /// From `at_ms` (CLOCK_MONOTONIC) to `page_ms` of the page's clock (ms); `None` before the
+    /// first exchange, and for what cannot have been.
+    pub(crate) fn delay_ms(&self, at_ms: f64, page_ms: f64) -> Option<f64> {
+        let delay_ms = page_ms - self.estimate()?.offset_ms - at_ms;
+        (-1000.0..60_000.0).contains(&delay_ms).then_some(delay_ms)
+    }
+
     /// A frame drawn at `page_ms` shows the bar of `at_ms`.
     pub(crate) fn shown(&mut self, at_ms: f64, page_ms: f64) {
-        let Some(Estimate { offset_ms, .. }) = self.estimate() else { return };
-        let delay_ms = page_ms - offset_ms - at_ms;
-        if !(-1000.0..60_000.0).contains(&delay_ms) {
-            return;
-        }
+        let Some(delay_ms) = self.delay_ms(at_ms, page_ms) else { return };
         if self.delays_ms.len() == FRAMES {
             self.delays_ms.pop_front();
         }
@@ -105,6 +114,8 @@ mod tests {
         clock.exchange(200.0, 5200.5, 201.0);
         clock.exchange(300.0, 5300.5 + 3.0, 306.0);
         assert_eq!(clock.estimate(), Some(Estimate { offset_ms: 5000.0, round_trip_ms: 1.0 }));
+        assert_eq!(clock.monotonic_ns(5123.25), Some(123_250_000));
+        assert_eq!(clock.monotonic_ns(-1e300), Some(0));
         for at in 0..10 {
             clock.shown(f64::from(at), 5000.0 + f64::from(at) + 20.0 + f64::from(at));
         }

@@ -20,6 +20,7 @@ use crate::commands::{Answer, Command};
 use crate::desk::Shared;
 use crate::page_clock::PageClock;
 use crate::request::{self, Level, Queue, Request};
+use crate::rig_view::SOUNDS;
 
 /// Messages a second that a page may send, over the long run.
 const RATE: f64 = 50.0;
@@ -74,6 +75,7 @@ pub(crate) struct Pages {
     /// Queues of the threads that carry commands out.
     pub(crate) power: SyncSender<Command>,
     pub(crate) stop: SyncSender<Command>,
+    pub(crate) key: SyncSender<Command>,
     pub(crate) other: SyncSender<Command>,
     /// Numbers of the pages.
     pub(crate) numbers: Arc<AtomicU64>,
@@ -248,6 +250,7 @@ impl Page {
                 }
             }
             Request::Shown { at_ms, page_ms } => self.clock.shown(*at_ms, *page_ms),
+            Request::Sounded { event, at_ms, page_ms } => self.sounded(event, *at_ms, *page_ms),
             Request::Hello { token } => {
                 let shown = self.pages.shared.access().hello(self.number, token);
                 if shown.is_err() {
@@ -271,6 +274,17 @@ impl Page {
         Ok(())
     }
 
+    /// Records that the subject's page made a sound, as far as that can have been.
+    fn sounded(&self, event: &str, at_ms: f64, page_ms: f64) {
+        let kind = SOUNDS.into_iter().find(|kind| kind.text() == event);
+        let delay_ms = self.clock.delay_ms(at_ms, page_ms);
+        let (Kind::Subject, Some(kind), Some(delay_ms)) = (self.kind, kind, delay_ms) else {
+            return self.pages.shared.lose(1);
+        };
+        let values = [self.number as f64, delay_ms / 1e3, 0.0];
+        self.pages.shared.event(EventKind::SoundPlayed, Severity::Info, values, kind.text());
+    }
+
     /// Has a command carried out, if the page may give it.
     fn command(&self, id: u64, request: Request) {
         let allowed = self.pages.shared.access().check(self.number, request.level());
@@ -284,13 +298,24 @@ impl Page {
             self.pages.shared.event(EventKind::ControlTaken, Severity::Info, values, &text);
             return self.answer(id, &Answer::done("this page has control"));
         }
+        let at_ns = match &request {
+            Request::Pulse { page_ms } => match self.clock.monotonic_ns(*page_ms) {
+                Some(at_ns) => at_ns,
+                None => {
+                    let text = "the key 5 was not counted: the page's clock is not known yet";
+                    return self.answer(id, &Answer::refused(text));
+                }
+            },
+            _ => now_ns(),
+        };
         let queue = match request.queue() {
             Queue::Power => &self.pages.power,
             Queue::Stop => &self.pages.stop,
+            Queue::Key => &self.pages.key,
             Queue::Other => &self.pages.other,
         };
         let (answer, answered) = oneshot::channel();
-        match queue.try_send(Command { page: self.number, request, answer }) {
+        match queue.try_send(Command { page: self.number, request, at_ns, answer }) {
             Ok(()) => {
                 let answers = self.answers.clone();
                 tokio::spawn(async move {

@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 use axum::extract::ws::Utf8Bytes;
 use ipc_types::{
     COMMAND, EnableToken, Event, EventKind, Heartbeat, Mode, MotorCommand, PERFORMANCE, PROCESSES,
-    Performance, Process, SAMPLE, Sample, TOKEN, event_topic,
+    Performance, Process, SAMPLE, Sample, Severity, TOKEN, event_topic,
 };
 use operator::ConsoleAddress;
 use operator::status::Watcher;
@@ -165,6 +165,7 @@ fn start_threads(
         welcome: Utf8Bytes::from(welcome(rig).to_string()),
         power: commander("power")?,
         stop: commander("stop")?,
+        key: commander("key")?,
         other: commander("commands")?,
         numbers: Arc::new(AtomicU64::new(0)),
         open: Arc::new(AtomicU64::new(0)),
@@ -289,11 +290,16 @@ impl Console {
         let now_ns = now_ns();
         let running = self.shared.desk().situation(None).running;
         let mode = self.view.mode(now_ns);
-        let seen = SubjectView::new(self.view.performance.as_ref(), mode, running, now_ns);
+        let (performance, told) = (self.view.performance.as_ref(), self.view.told.as_deref());
+        let seen = SubjectView::new(performance, mode, running, told, now_ns);
         // Four times of five nothing has changed.
         if self.seen.as_ref() != Some(&seen) {
             self.shared.board.set(Slot::Bar, &json!({ "type": "bar", "view": seen }));
-            self.seen = Some(seen);
+            let before = self.seen.replace(seen.clone()).unwrap_or_default();
+            if before.instruction != seen.instruction {
+                let (kind, text) = (EventKind::InstructionShown, &*seen.instruction);
+                service.event(kind, Severity::Info, [0.0; 3], text)?;
+            }
         }
         if self.told.elapsed() >= STATE {
             self.told = Instant::now();
@@ -329,6 +335,9 @@ impl Console {
         let now_ns = now_ns();
         for events in &mut self.events {
             while let Some(event) = events.take()? {
+                if event.source == Process::Experiment.code() {
+                    self.view.see(&event);
+                }
                 let audience = match rig_view::is_for_subjects(&event) {
                     true => Audience::All,
                     false if is_silent(&event) => continue,
@@ -381,8 +390,8 @@ impl Console {
     }
 }
 
-/// Whether an event is recorded only: what the console itself measures, once in ten seconds.
+/// Whether an event is recorded only: what the console itself measures.
 fn is_silent(event: &Event) -> bool {
     let kind = EventKind::from_code(event.kind);
-    matches!(kind, Some(EventKind::ClockMeasured | EventKind::FrameDelay))
+    matches!(kind, Some(EventKind::ClockMeasured | EventKind::FrameDelay | EventKind::SoundPlayed))
 }

@@ -2,8 +2,8 @@
 
 use std::collections::BTreeMap;
 
-use ipc_types::{TEXT, Verb};
-use serde::Deserialize;
+use ipc_types::{PulseSource, TEXT, Verb};
+use serde::{Deserialize, Deserializer};
 
 /// Longest message of a page (bytes).
 pub(crate) const LONGEST: usize = 65_536;
@@ -46,6 +46,15 @@ pub(crate) enum Request {
     },
     /// Reads and checks a protocol with values, so that it can be started.
     Build(Setup),
+    /// Reads the protocol that was interrupted, so that it can be continued.
+    Interrupted {
+        /// Code of the subject; empty for the one it was begun with.
+        #[serde(default)]
+        subject: String,
+        /// Name of the sessions' MATLAB files; empty for none.
+        #[serde(default)]
+        files: String,
+    },
     /// Plays the protocol that finds the stops.
     Initialise,
     /// Plays the protocol that was built.
@@ -55,6 +64,11 @@ pub(crate) enum Request {
     },
     /// Ends the running protocol.
     Stop,
+    /// The key 5 was pressed: a pulse of the scanner.
+    Pulse {
+        /// When (ms).
+        page_ms: f64,
+    },
     /// A note of the operator, for the recording.
     Note {
         /// Its text.
@@ -83,6 +97,15 @@ pub(crate) enum Request {
         /// When the frame was drawn (ms).
         page_ms: f64,
     },
+    /// A page made a sound for an event.
+    Sounded {
+        /// Kind of the event, in words.
+        event: String,
+        /// Instant of the event (ms).
+        at_ms: f64,
+        /// When the sound began (ms).
+        page_ms: f64,
+    },
 }
 
 /// What is to be played.
@@ -97,12 +120,17 @@ pub(crate) struct Setup {
     /// Code of the subject; may be empty.
     #[serde(default)]
     pub(crate) subject: String,
-    /// Repetition time of an emulated scanner (s).
-    #[serde(default)]
-    pub(crate) emulate_scanner_s: Option<f64>,
+    /// Where the scanner's pulses come from: `line`, `key`, or an emulated scanner (`2`).
+    #[serde(default, deserialize_with = "pulse_source")]
+    pub(crate) scanner: PulseSource,
     /// Name of the sessions' MATLAB files, beside the recording; empty for none.
     #[serde(default)]
     pub(crate) files: String,
+}
+
+/// Reads a source of pulses from its text.
+fn pulse_source<'de, D: Deserializer<'de>>(text: D) -> Result<PulseSource, D::Error> {
+    String::deserialize(text)?.parse().map_err(serde::de::Error::custom)
 }
 
 /// What a page needs for a request.
@@ -123,6 +151,8 @@ pub(crate) enum Queue {
     Power,
     /// What ends a movement.
     Stop,
+    /// Pulses of the scanner: they lose their worth with time.
+    Key,
     /// All else.
     Other,
 }
@@ -131,7 +161,9 @@ impl Request {
     /// What a page needs for it. Whoever has the token may stop the rig.
     pub(crate) const fn level(&self) -> Level {
         match self {
-            Self::Hello { .. } | Self::Echo { .. } | Self::Shown { .. } => Level::Anyone,
+            Self::Hello { .. } | Self::Echo { .. } | Self::Shown { .. } | Self::Sounded { .. } => {
+                Level::Anyone
+            }
             Self::TakeControl
             | Self::Stop
             | Self::Describe { .. }
@@ -146,6 +178,7 @@ impl Request {
         match self {
             Self::Verb { verb: Verb::Estop | Verb::Disarm } => Queue::Power,
             Self::Stop => Queue::Stop,
+            Self::Pulse { .. } => Queue::Key,
             _ => Queue::Other,
         }
     }
@@ -172,6 +205,10 @@ fn check(request: &Request) -> Result<(), String> {
         Request::Note { text } => note(text),
         Request::Record { file } => name("file", file),
         Request::Describe { protocol } => name("protocol", protocol),
+        Request::Interrupted { subject, files } => {
+            name("subject", subject)?;
+            name("files", files)
+        }
         Request::Build(setup) => {
             name("protocol", &setup.protocol)?;
             name("subject", &setup.subject)?;
@@ -225,13 +262,14 @@ mod tests {
         assert_eq!(request(r#"{"do": "stop"}"#), Request::Stop);
         let Request::Build(setup) = request(
             r#"{"do": "build", "protocol": "force-matching", "subject": "Jörg Ångström",
-                "entries": {"matching.sets": "1"}, "emulate_scanner_s": 2, "files": "S1_"}"#,
+                "entries": {"matching.sets": "1"}, "scanner": "2,missing=3", "files": "S1_"}"#,
         ) else {
             panic!("no setup")
         };
         assert_eq!(setup.subject, "Jörg Ångström");
         assert_eq!(setup.entries["matching.sets"], "1");
-        assert_eq!(setup.emulate_scanner_s, Some(2.0));
+        assert_eq!(setup.scanner.to_string(), "2,missing=3");
+        assert_eq!(request(r#"{"do": "pulse", "page_ms": 1.5}"#), Request::Pulse { page_ms: 1.5 });
     }
 
     #[test]
@@ -243,6 +281,10 @@ mod tests {
             (r#"{"id": 1, "request": {"do": "verb", "verb": "enable!"}}"#, "enable!"),
             (r#"{"id": 1, "request": {"do": "stop"}, "x": 1}"#, "x"),
             (r#"{"id": 1, "request": {"do": "note", "text": " "}}"#, "note"),
+            (
+                r#"{"id": 1, "request": {"do": "build", "protocol": "a", "scanner": "2,x=1"}}"#,
+                "jitter=S",
+            ),
             (r#"{"id": 1, "request": {"do": "record", "file": "a\u0000b"}}"#, "control character"),
         ] {
             let (_, error) = parse(text).unwrap_err();
@@ -267,6 +309,7 @@ mod tests {
             r#"{"do": "verb", "verb": "arm"}"#,
             r#"{"do": "verb", "verb": "enable"}"#,
             r#"{"do": "initialise"}"#,
+            r#"{"do": "pulse", "page_ms": 0}"#,
             r#"{"do": "start", "build": "1"}"#,
             r#"{"do": "end-recording"}"#,
         ] {
@@ -278,8 +321,8 @@ mod tests {
     fn nearly() -> impl Strategy<Value = String> {
         let word = prop::sample::select(vec![
             "id", "request", "do", "verb", "arm", "enable", "start", "build", "hello", "token",
-            "note", "text", "entries", "protocol", "echo", "page_ms", "1e999", "-1", "null", "{",
-            "}", "[", "]", ":", ",", "\"", "\\u0000", "0.5", "stop",
+            "note", "text", "entries", "protocol", "echo", "pulse", "page_ms", "1e999", "-1",
+            "null", "{", "}", "[", "]", ":", ",", "\"", "\\u0000", "0.5", "stop",
         ]);
         let quoted = prop::bool::ANY;
         prop::collection::vec((word, quoted), 0..40).prop_map(|words| {

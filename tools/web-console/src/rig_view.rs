@@ -18,9 +18,26 @@ pub(crate) struct RigView {
     pub(crate) performance: Option<Performance>,
     /// What control does, with the time of its command (ns).
     pub(crate) mode: Option<(Mode, u64)>,
+    /// What the protocol told the subject at the beginning of the segment.
+    pub(crate) told: Option<String>,
 }
 
 impl RigView {
+    /// Takes an event: what the subject is told holds for one segment.
+    pub(crate) fn see(&mut self, event: &Event) {
+        match EventKind::from_code(event.kind) {
+            Some(EventKind::Instruction) => self.told = Some(event.text().to_owned()),
+            Some(
+                EventKind::ProtocolStarted
+                | EventKind::SegmentStarted
+                | EventKind::ProtocolResumed
+                | EventKind::ProtocolDone
+                | EventKind::ProtocolStopped,
+            ) => self.told = None,
+            _ => {}
+        }
+    }
+
     /// State of the watchdog; `None` where it is silent.
     pub(crate) fn watchdog(&self, now_ns: u64) -> Option<WatchdogState> {
         let token = self.token.filter(|token| is_fresh(token.time_ns, now_ns))?;
@@ -80,6 +97,7 @@ pub(crate) fn event(event: &Event, now_ns: u64) -> Value {
     json!({
         "type": "event",
         "age_ms": now_ns.saturating_sub(event.time_ns) / 1_000_000,
+        "at_ms": event.time_ns as f64 / 1e6,
         "source": word(Process::from_code(event.source).map(Process::text)),
         "kind": word(EventKind::from_code(event.kind).map(EventKind::text)),
         "severity": word(Severity::from_code(event.severity).map(Severity::text)),
@@ -89,10 +107,13 @@ pub(crate) fn event(event: &Event, now_ns: u64) -> Value {
     })
 }
 
-/// Whether the subject's page is told of an event: it may make a sound of it.
+/// The events of which the subject's page may make a sound.
+pub(crate) const SOUNDS: [EventKind; 4] =
+    [EventKind::Beat, EventKind::SessionStarted, EventKind::SessionOver, EventKind::Sound];
+
+/// Whether the subject's page is told of an event.
 pub(crate) fn is_for_subjects(event: &Event) -> bool {
-    let kind = EventKind::from_code(event.kind);
-    matches!(kind, Some(EventKind::Beat | EventKind::SessionStarted | EventKind::SessionOver))
+    EventKind::from_code(event.kind).is_some_and(|kind| SOUNDS.contains(&kind))
 }
 
 #[cfg(test)]
@@ -120,6 +141,19 @@ mod tests {
         assert_eq!(state["faults"], json!(["control lost"]));
         let later = view.state(&rig, 1_400_000_000);
         assert_eq!((&later["watchdog"], &later["cause"]), (&Value::Null, &Value::Null));
+    }
+
+    #[test]
+    fn an_instruction_holds_for_its_segment() {
+        let mut view = RigView::default();
+        let mut see = |kind, text| {
+            view.see(&Event::new(Process::Experiment, kind, Severity::Info, text));
+            view.told.clone()
+        };
+        assert_eq!(see(EventKind::SegmentStarted, "rest"), None);
+        assert_eq!(see(EventKind::Instruction, "Relax."), Some("Relax.".to_owned()));
+        assert_eq!(see(EventKind::Beat, ""), Some("Relax.".to_owned()));
+        assert_eq!(see(EventKind::SegmentStarted, "next"), None);
     }
 
     #[test]

@@ -11,6 +11,8 @@ use serde::{Deserialize, Serialize};
 pub(crate) struct RunState {
     /// Number of the client that it belongs to.
     pub(crate) client: u64,
+    /// Whether the key 5 is a pulse of the scanner.
+    pub(crate) takes_keys: bool,
     /// Text of the protocol.
     pub(crate) protocol: String,
     /// Code of the subject; may be empty.
@@ -86,6 +88,7 @@ mod tests {
         assert_eq!(file.load().unwrap(), None);
         let state = RunState {
             client: u64::MAX,
+            takes_keys: true,
             protocol: "[protocol]\nname = \"Übung\"\n".to_owned(),
             subject: "S07".to_owned(),
             files: Some(Files {

@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::sync::mpsc::Receiver;
 
-use ipc_types::{EventKind, ExperimentRequest, SessionProgress, Severity};
+use ipc_types::{EventKind, ExperimentRequest, PulseSource, SessionProgress, Severity};
 use operator::{
     ChosenProtocol, Progress, RigLink, RunOptions, RunOutcome, SessionFiles, resume_protocol,
     run_protocol, sessions_of,
@@ -23,6 +23,24 @@ pub(crate) enum Order {
     Home,
     /// The one that was built.
     Experiment(Arc<Built>),
+}
+
+/// Whose a protocol is that the console plays.
+#[derive(Clone, Copy, Debug)]
+struct Of<'a> {
+    /// Number of the client.
+    client: u64,
+    /// Whether the key 5 is a pulse of the scanner.
+    takes_keys: bool,
+    /// Code of the subject; may be empty.
+    subject: &'a str,
+}
+
+impl<'a> Of<'a> {
+    fn new(chosen: &ChosenProtocol, subject: &'a str) -> Self {
+        let takes_keys = *chosen.pulses() == PulseSource::Key;
+        Self { client: chosen.client(), takes_keys, subject }
+    }
 }
 
 /// What is told when it has begun, or why it has not.
@@ -76,7 +94,7 @@ impl Runner {
         let protocol = Some(rig::home_protocol(axes).into());
         let options = RunOptions { protocol, ..RunOptions::default() };
         let chosen = ChosenProtocol::new(&options)?;
-        let stop = self.begin(chosen.protocol(), "", stops);
+        let stop = self.begin(chosen.protocol(), Of::new(&chosen, ""), stops);
         let outcome = run_protocol(&link, &chosen, &stop, &mut |progress| {
             tell(begun);
             self.follow(progress);
@@ -94,12 +112,15 @@ impl Runner {
 
     fn play(&self, built: &Built, stops: u64, begun: &mut Option<Begun>) -> anyhow::Result<()> {
         let protocol = built.chosen.protocol();
-        let stop = self.begin(protocol, &built.subject, stops);
+        let of = Of::new(&built.chosen, &built.subject);
+        let stop = self.begin(protocol, of, stops);
         let link = RigLink::open(&self.rig)?;
         let files = built.files.as_deref();
-        let mut files = files.map(|name| SessionFiles::new(&link, protocol, name)).transpose()?;
+        let mut files =
+            files.map(|name| SessionFiles::new(&link, &built.chosen, name)).transpose()?;
         let mut state = RunState {
-            client: built.chosen.client(),
+            client: of.client,
+            takes_keys: of.takes_keys,
             protocol: protocol.text().to_owned(),
             subject: built.subject.clone(),
             files: files.as_ref().zip(built.files.clone()).map(|(files, name)| Files {
@@ -110,7 +131,7 @@ impl Runner {
             completed: None,
         };
         self.state.save(&state)?;
-        let mut over = 0;
+        let mut over = built.chosen.continues().unwrap_or(0);
         let outcome = run_protocol(&link, &built.chosen, &stop, &mut |progress| {
             tell(begun);
             self.session_over(progress.sessions.as_ref(), &mut over);
@@ -166,7 +187,9 @@ impl Runner {
         }
         // A statement of its own: `begin` locks it again.
         let stops = self.shared.desk().stops;
-        let stop = self.begin(&protocol, &state.subject, stops);
+        let RunState { client, takes_keys, subject, .. } = &state;
+        let of = Of { client: *client, takes_keys: *takes_keys, subject };
+        let stop = self.begin(&protocol, of, stops);
         let text = "the console goes on with the protocol that it played before";
         let mut told = false;
         let mut over = 0;
@@ -185,12 +208,14 @@ impl Runner {
 
     /// Shows that a protocol is being played; the flag that ends it, raised already if a stop was
     /// asked for since there were so many `stops`.
-    fn begin(&self, protocol: &Protocol, subject: &str, stops: u64) -> Arc<AtomicBool> {
+    fn begin(&self, protocol: &Protocol, of: Of<'_>, stops: u64) -> Arc<AtomicBool> {
         let mut desk = self.shared.desk();
         let stop = Arc::new(AtomicBool::new(desk.stops != stops));
         desk.playing = Some(Playing {
             name: protocol.name.clone(),
-            subject: subject.to_owned(),
+            subject: of.subject.to_owned(),
+            client: of.client,
+            takes_keys: of.takes_keys,
             segments: planned(protocol),
             progress: Progress::default(),
             stop: Arc::clone(&stop),

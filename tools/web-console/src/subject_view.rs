@@ -1,5 +1,7 @@
 //! What the subject sees: bars, light, a line of instruction.
 
+use std::borrow::Cow;
+
 use ipc_types::{BAR_MIDDLE, BARS, Light, Mode, Performance};
 use serde::Serialize;
 
@@ -27,7 +29,7 @@ pub(crate) struct SubjectView {
     /// Updates of the bar since the session, or the rest, began.
     pub(crate) update: u32,
     /// What the subject is told.
-    pub(crate) instruction: &'static str,
+    pub(crate) instruction: Cow<'static, str>,
 }
 
 /// A bar.
@@ -45,18 +47,20 @@ pub(crate) struct Bar {
 
 impl SubjectView {
     /// From the newest message of topic `performance`, the mode of control, and whether a protocol
-    /// runs.
+    /// runs; what the protocol `told` the subject takes the place of the usual instruction.
     pub(crate) fn new(
         performance: Option<&Performance>,
         mode: Option<Mode>,
         running: bool,
+        told: Option<&str>,
         now_ns: u64,
     ) -> Self {
+        let told = told.filter(|_| running).map(|told| Cow::Owned(told.to_owned()));
         let fresh =
             performance.filter(|shown| running && now_ns.saturating_sub(shown.time_ns) < STALE_NS);
         let Some(shown) = fresh else {
             return Self {
-                instruction: instruction(mode, None, false, running),
+                instruction: told.unwrap_or(instruction(mode, None, false, running)),
                 ..Self::default()
             };
         };
@@ -77,7 +81,7 @@ impl SubjectView {
             session: shown.number,
             sessions: shown.sessions,
             update: shown.update,
-            instruction: instruction(mode, Some(light), count > 0, running),
+            instruction: told.unwrap_or(instruction(mode, Some(light), count > 0, running)),
         }
     }
 }
@@ -88,8 +92,8 @@ fn instruction(
     light: Option<Light>,
     has_bar: bool,
     running: bool,
-) -> &'static str {
-    match (mode, light) {
+) -> Cow<'static, str> {
+    Cow::Borrowed(match (mode, light) {
         _ if !running => "",
         (Some(Mode::Initialise), _) => "The machine looks for its stops. Please do not resist.",
         (Some(Mode::Centre), _) => "The handle goes to the centre. Please do not resist.",
@@ -101,7 +105,7 @@ fn instruction(
         (_, Some(Light::Green)) => "Please go on.",
         (_, Some(Light::Red)) => "No force, please. Wait for the green light.",
         (_, None) => "",
-    }
+    })
 }
 
 #[cfg(test)]
@@ -127,32 +131,48 @@ mod tests {
     #[test]
     fn the_target_is_in_the_middle() {
         let shown = performance(1);
-        let view = SubjectView::new(Some(&shown), Some(Mode::Position), true, 2_010_000_000);
+        let view = SubjectView::new(Some(&shown), Some(Mode::Position), true, None, 2_010_000_000);
         assert_eq!(view.bars.len(), 1);
         assert_eq!((view.bars[0].label, view.bars[0].height), ("effort", 0.5));
         assert_eq!((view.light, view.at_ms), (Some("green"), 1980.0));
-        let view = SubjectView::new(Some(&performance(2)), None, true, 2_010_000_000);
+        let view = SubjectView::new(Some(&performance(2)), None, true, None, 2_010_000_000);
         let labels: Vec<_> = view.bars.iter().map(|bar| bar.label).collect();
         assert_eq!(labels, ["agonist", "antagonist"]);
         assert_eq!(view.bars[1].height, 0.95);
-        assert!(SubjectView::new(Some(&performance(0)), None, true, 2_010_000_000).bars.is_empty());
+        assert!(
+            SubjectView::new(Some(&performance(0)), None, true, None, 2_010_000_000)
+                .bars
+                .is_empty()
+        );
     }
 
     #[test]
     fn an_old_bar_and_that_of_a_protocol_that_has_ended_are_not_shown() {
         let shown = performance(1);
         for (running, now_ns) in [(true, 2_600_000_000), (false, 2_010_000_000)] {
-            let view = SubjectView::new(Some(&shown), Some(Mode::Rhythm), running, now_ns);
+            let view = SubjectView::new(Some(&shown), Some(Mode::Rhythm), running, None, now_ns);
             assert!(view.bars.is_empty() && view.light.is_none(), "{view:?}");
         }
     }
 
     #[test]
+    fn what_the_protocol_says_takes_the_place_of_the_usual() {
+        let shown = performance(1);
+        let told = Some("Squeeze as hard as you can.");
+        let view = SubjectView::new(Some(&shown), Some(Mode::Hold), true, told, 2_010_000_000);
+        assert_eq!(view.instruction, "Squeeze as hard as you can.");
+        let view = SubjectView::new(None, Some(Mode::Hold), true, told, 2_010_000_000);
+        assert_eq!(view.instruction, "Squeeze as hard as you can.");
+        let view = SubjectView::new(None, None, false, told, 2_010_000_000);
+        assert_eq!(view.instruction, "", "the protocol is over");
+    }
+
+    #[test]
     fn red_means_no_force() {
         let red = Performance { light: Light::Red.code(), ..performance(0) };
-        let view = SubjectView::new(Some(&red), Some(Mode::Passive), true, 2_010_000_000);
+        let view = SubjectView::new(Some(&red), Some(Mode::Passive), true, None, 2_010_000_000);
         assert!(view.instruction.contains("No force"));
-        let view = SubjectView::new(Some(&red), Some(Mode::Centre), true, 2_010_000_000);
+        let view = SubjectView::new(Some(&red), Some(Mode::Centre), true, None, 2_010_000_000);
         assert!(view.instruction.contains("do not resist"));
     }
 }

@@ -171,6 +171,18 @@ impl Section<'_> {
         self.text_or_none(key).unwrap_or_default()
     }
 
+    /// A name that is safe as that of a file, and may be left out.
+    pub(crate) fn file_name_or_none(&self, key: &str) -> Option<String> {
+        let name = self.text_or_none(key)?;
+        let allowed = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || "-_".contains(c);
+        if name.len() <= 64 && name.chars().all(allowed) {
+            return Some(name);
+        }
+        let advice =
+            "it names a file in the folder of what was learnt, without folder and extension";
+        self.refuse(key, "1 to 64 of a-z, 0-9, - and _", format!("\"{name}\""), advice)
+    }
+
     /// A text that may be left out, but not be empty.
     pub(crate) fn text_or_none(&self, key: &str) -> Option<String> {
         self.note(key, "text", "optional");

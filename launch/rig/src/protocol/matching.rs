@@ -141,6 +141,9 @@ impl Matching {
             repeat: 1,
             movement,
             companions: Vec::new(),
+            contraction: None,
+            instruction: None,
+            sound: None,
             section: "matching".to_owned(),
         };
         let wait =

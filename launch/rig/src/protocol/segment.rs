@@ -1,5 +1,8 @@
 //! A segment of a protocol, and its check against a rig.
 
+use emg::Group;
+use ipc_types::{Sound, TEXT};
+
 use super::coupled_axes::{self, Companion};
 use super::field_check::check_field;
 use super::movement::Movement;
@@ -25,6 +28,12 @@ pub struct Segment {
     pub companions: Vec<Companion>,
     /// Whether it is a session: sums of effort are kept over it, and it counts.
     pub session: bool,
+    /// The muscles whose maximum it measures.
+    pub contraction: Option<Group>,
+    /// What the subject is told from its beginning on.
+    pub instruction: Option<String>,
+    /// A sound for the subject at its beginning.
+    pub sound: Option<Sound>,
     /// The section of the file that it is from, for messages: `segments.0`.
     pub(super) section: String,
 }
@@ -38,7 +47,36 @@ const KEYS: Keys = &[
     ("scales", "Amplitude of each coupled axis as a part of the segment's; negative mirrors it."),
     ("repeat", "Number of times that the segment is played."),
     ("session", "Whether it is a session: sums of torque and muscle activity are kept over it."),
+    ("contraction", "Measures the maximum of these muscles' activity, in a session; see [emg]."),
+    ("instruction", "What the subject's page shows from its beginning on, at most 120 bytes."),
+    ("sound", "A tone that the subject's page makes at its beginning."),
 ];
+
+const SOUNDS: &[(&str, Sound)] =
+    &[("high", Sound::High), ("middle", Sound::Middle), ("low", Sound::Low)];
+
+/// A contraction that is measured, which a session alone can be.
+fn read_contraction(section: &Section<'_>) -> Option<Group> {
+    let groups = &[Group::Agonist, Group::Antagonist].map(|group| (group.word(), group));
+    let group = section.word_or_none("contraction", groups)?;
+    if !section.flag_or("session", false) {
+        let (expected, advice) = ("session = true beside it", "add it, or take contraction out");
+        section.problem("contraction", expected, "no session", advice);
+    }
+    Some(group)
+}
+
+/// A line that fits into an event whole.
+fn read_instruction(section: &Section<'_>) -> Option<String> {
+    let text = section.text_or_none("instruction")?;
+    if text.len() <= TEXT && !text.chars().any(char::is_control) {
+        return Some(text);
+    }
+    let expected = format!("a line of at most {TEXT} bytes");
+    let found = format!("{} bytes, or a line break", text.len());
+    section.problem("instruction", expected, found, "shorten it");
+    None
+}
 
 impl Segment {
     pub(super) fn read((index, section): (usize, Section<'_>)) -> Self {
@@ -56,6 +94,9 @@ impl Segment {
             movement,
             companions,
             session: section.flag_or("session", false),
+            contraction: read_contraction(&section),
+            instruction: read_instruction(&section),
+            sound: section.word_or_none("sound", SOUNDS),
             section: format!("segments.{index}"),
         }
     }

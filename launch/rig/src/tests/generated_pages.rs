@@ -40,6 +40,7 @@ friction_peak_v = 1.5
 [[channels]]
 [emg]
 [scanner]
+[sync]
 [model]
 [model.parameters]
 name = { value = 1.0 }

@@ -16,6 +16,7 @@ pub struct SimulatedDaq {
     converted: Vec<Scan>,
     last_tick: Option<u64>,
     taken_tick: u64,
+    digital_out: u32,
     missed: u64,
 }
 
@@ -35,6 +36,7 @@ impl SimulatedDaq {
             converted: Vec::with_capacity(2 * CARD_FIFO),
             last_tick: None,
             taken_tick: 0,
+            digital_out: 0,
             missed: 0,
         })
     }
@@ -84,10 +86,17 @@ impl Daq for SimulatedDaq {
         let output = CardOutput {
             volts: if finite { volts } else { [0.0; AXES] },
             taken_tick: self.taken_tick,
+            digital_out: self.digital_out,
             ..CardOutput::default()
         };
         self.outputs.send(output).map_err(|_| DaqError::Link("sending volts"))?;
         if finite { Ok(()) } else { Err(DaqError::NotFinite) }
+    }
+
+    fn write_digital(&mut self, levels: u32) -> Result<(), DaqError> {
+        // Sent with the volts, which are written in each cycle.
+        self.digital_out = levels;
+        Ok(())
     }
 
     fn scans_missed(&self) -> u64 {

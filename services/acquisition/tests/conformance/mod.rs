@@ -46,6 +46,7 @@ pub(crate) fn check(bench: &mut dyn Bench) -> Result<(), Violation> {
     a_late_reader_gets_all(bench)?;
     an_overflow_is_counted(bench)?;
     outputs_do_as_declared(bench)?;
+    digital_outputs_do_as_declared(bench)?;
     not_finite_is_refused(bench)
 }
 
@@ -130,6 +131,36 @@ fn outputs_do_as_declared(bench: &mut dyn Bench) -> Result<(), Violation> {
         Err(error) => return Err(Violation { rule: RULE, found: error.to_string() }),
     };
     ensure(volts.last() == Some(&1.25), RULE, || format!("{volts:?}"))
+}
+
+/// Digital outputs show and hold, if the card has some; else none can be high.
+fn digital_outputs_do_as_declared(bench: &mut dyn Bench) -> Result<(), Violation> {
+    const RULE: &str = "digital outputs show in the scans and hold";
+    bench.reset();
+    bench.advance(1);
+    ticks(bench, RULE)?;
+    let outputs = bench.daq().capabilities().digital_outputs;
+    let low = bench.daq().write_digital(0);
+    ensure(low.is_ok(), "all outputs low is always accepted", || format!("{low:?}"))?;
+    if outputs == 0 {
+        let high = bench.daq().write_digital(1);
+        return ensure(high == Err(DaqError::NoOutput), "a card without says so", || {
+            format!("{high:?}")
+        });
+    }
+    for output in 0..outputs {
+        let levels = 1 << output;
+        let written = bench.daq().write_digital(levels).and(bench.daq().write([0.0; 3]));
+        ensure(written.is_ok(), RULE, || format!("{written:?}"))?;
+        bench.advance(3);
+        let now = bench.now_ns();
+        let shown: Vec<u32> = match bench.daq().read_due(now) {
+            Ok(scans) => scans.iter().map(|scan| scan.digital_out).collect(),
+            Err(error) => return Err(Violation { rule: RULE, found: error.to_string() }),
+        };
+        ensure(shown.last() == Some(&levels), RULE, || format!("{levels}: {shown:?}"))?;
+    }
+    Ok(())
 }
 
 /// A value that is not finite never reaches the card.

@@ -7,6 +7,8 @@ use super::reports::Reason;
 pub enum Change {
     /// The protocol began, and with it segment 0.
     Started,
+    /// A protocol that was interrupted began again, with this segment.
+    Continued(u32),
     /// The next segment began.
     Segment(u32),
     /// The segment was started again, after a restart or a pause.

@@ -1,16 +1,21 @@
 //! A protocol made ready for one machine.
 
+use std::path::Path;
 use std::sync::Arc;
 
-use ipc_types::AXES;
-use rig::protocol::{Field, Movement, Protocol, Segment};
+use emg::Group;
+use ipc_types::{AXES, PulseSource, Sound};
+use rig::protocol::{Field, Movement, MuscleMaxima, Protocol, Segment};
 use rig::{ProtocolError, RigFile};
 use scanner::LineKind;
 
+use crate::contraction::{self, Maxima};
 use crate::ilc_update::Plan;
+use crate::interrupted::Continuation;
 use crate::matching_bar::Matched;
 use crate::prepared_movement::PreparedMovement;
-use crate::scan_tracker::{ScanPlan, ScanState};
+use crate::scan_plan::{Pulses, ScanPlan};
+use crate::scan_tracker::ScanState;
 use crate::session_state::SessionState;
 use crate::session_tracker::{PlayedSegment, SessionPlan};
 use crate::state::PlayerState;
@@ -21,6 +26,8 @@ use super::axis_homing::AxisHoming;
 #[derive(Debug)]
 pub struct Program {
     pub(super) name: String,
+    /// The name under which it was asked for.
+    asked: String,
     pub(super) text: String,
     pub(super) identity: u64,
     pub(super) axes: usize,
@@ -31,8 +38,16 @@ pub struct Program {
     pub(super) steps: Vec<Step>,
     /// What it says of the scanner.
     pub(super) scan: ScanPlan,
+    /// Where the scanner's pulses come from, as it was asked for.
+    source: PulseSource,
     /// Its sessions.
     sessions: SessionPlan,
+    /// Names under which maxima of the muscles' activity are saved and loaded.
+    names: MuscleMaxima,
+    /// The maxima of which the activity of muscles is a share.
+    maxima: Option<Maxima>,
+    /// Where it begins, if not at its beginning.
+    continues: Option<Continuation>,
     /// Whether it goes on after a restart of the process.
     pub(super) resumes: bool,
     pub(super) duration_s: f64,
@@ -52,6 +67,11 @@ pub(super) struct Step {
     pub(super) plan: Option<Arc<Plan>>,
     /// Number of the session that it is, from 1; `None` where it is none.
     session: Option<u32>,
+    /// What the subject is told at its beginning.
+    instruction: Option<String>,
+    sound: Option<Sound>,
+    /// Inputs of the card whose maximum it measures, one bit each.
+    contraction: u16,
 }
 
 impl Step {
@@ -101,6 +121,9 @@ impl Program {
                 begins_s,
                 plan,
                 session: segment.session.then_some(sessions),
+                instruction: segment.instruction.clone(),
+                sound: segment.sound,
+                contraction: segment.contraction.map_or(0, |group| inputs_of(rig, group)),
             });
             begins_s += duration_s;
         }
@@ -112,6 +135,7 @@ impl Program {
         }
         Ok(Self {
             name: protocol.name.clone(),
+            asked: protocol.file_name().to_owned(),
             text: protocol.text().to_owned(),
             identity: protocol.identity(),
             axes: rig.axes.len(),
@@ -125,30 +149,87 @@ impl Program {
                     .scanner
                     .filter(|line| line.line.kind == LineKind::Gate)
                     .map(|line| line.line.minimum_width_s),
-                emulated_s: None,
+                pulses: Pulses::default(),
             },
+            source: PulseSource::default(),
             sessions: SessionPlan {
                 sessions,
                 matched: protocol
                     .matching
                     .map(|matching| Matched { signal: matching.signal, axis: matching.axis }),
             },
+            names: protocol.maxima.clone(),
+            maxima: None,
+            continues: None,
             resumes: protocol.resumes,
             duration_s: begins_s,
         })
     }
 
-    /// The same, with an emulated scanner of this repetition time (s) in place of the trigger line.
-    #[must_use]
-    pub fn with_emulated_scanner(mut self, repetition_s: f64) -> Self {
-        self.scan.emulated_s = Some(repetition_s);
-        self
+    /// The same, with the scanner's pulses from another source than the trigger line.
+    ///
+    /// # Errors
+    /// As [`Pulses::of`].
+    pub fn with_pulses(mut self, source: &PulseSource) -> Result<Self, String> {
+        self.scan.pulses = Pulses::of(source)?;
+        self.source = source.clone();
+        Ok(self)
+    }
+
+    /// The same, with the maxima that it uses from this folder.
+    ///
+    /// # Errors
+    /// Those of [`contraction::load`].
+    pub fn with_maxima(mut self, folder: &Path, rig: &RigFile) -> Result<Self, String> {
+        let load = |name: &String| contraction::load(folder, name, rig);
+        self.maxima = self.names.load.as_ref().map(load).transpose()?;
+        Ok(self)
+    }
+
+    /// The maxima of which the activity of muscles is a share; `None` where it is in the units of
+    /// the channels.
+    pub const fn maxima(&self) -> Option<&Maxima> {
+        self.maxima.as_ref()
+    }
+
+    /// Name under which the maxima that it measures are saved.
+    pub fn saves_maxima(&self) -> Option<&str> {
+        self.names.save.as_deref()
+    }
+
+    /// The same, to begin where it was interrupted.
+    ///
+    /// # Errors
+    /// In words, where it has no such segment.
+    pub fn continuing(mut self, from: Continuation) -> Result<Self, String> {
+        let (found, segments) = (from.segment, self.steps.len());
+        if found as usize >= segments {
+            return Err(format!(
+                "it was interrupted in segment {found}, and the protocol has {segments}"
+            ));
+        }
+        self.continues = Some(from);
+        Ok(self)
+    }
+
+    /// Where it begins, if not at its beginning.
+    pub const fn continues(&self) -> Option<&Continuation> {
+        self.continues.as_ref()
+    }
+
+    /// Whether the process that plays it keeps it for `farreach run --continue`.
+    pub const fn can_be_continued(&self) -> bool {
+        self.resumes && self.sessions.sessions > 0
     }
 
     /// Whether it needs the scanner's trigger line.
     pub fn needs_trigger(&self) -> bool {
-        let ScanPlan { scan, waits, emulated_s, .. } = self.scan;
-        (waits || scan.is_some()) && emulated_s.is_none()
+        (self.scan.waits || self.scan.scan.is_some()) && self.source == PulseSource::Line
+    }
+
+    /// Whether it takes its pulses from the key 5.
+    pub fn takes_keys(&self) -> bool {
+        self.source == PulseSource::Key
     }
 
     /// Name of the protocol.
@@ -166,13 +247,14 @@ impl Program {
     pub fn state(&self, session: u64, epoch: u64, client: u64) -> PlayerState {
         PlayerState {
             session,
-            name: self.name.clone(),
+            name: self.asked.clone(),
             text: self.text.clone(),
             protocol: self.identity,
             segment: 0,
             running: false,
             epoch,
             client,
+            pulses: self.source.clone(),
             scan: ScanState::default(),
             sessions: SessionState::default(),
         }
@@ -191,6 +273,7 @@ impl Program {
             planned_s: step.track.duration_s(),
             session: step.session,
             rest: matches!(step.track.movement, Movement::Rest(_)),
+            contraction: step.contraction,
         })
     }
 
@@ -207,6 +290,16 @@ impl Program {
     /// Name of a segment; empty where there is none.
     pub fn label(&self, segment: usize) -> &str {
         self.steps.get(segment).map_or("", |step| &step.label)
+    }
+
+    /// What the subject is told at the beginning of a segment.
+    pub fn instruction(&self, segment: usize) -> Option<&str> {
+        self.steps.get(segment)?.instruction.as_deref()
+    }
+
+    /// The sound for the subject at the beginning of a segment.
+    pub fn sound(&self, segment: usize) -> Option<Sound> {
+        self.steps.get(segment)?.sound
     }
 
     /// Total duration (s).
@@ -231,7 +324,8 @@ impl Program {
     /// for each axis that is at the beginning. Searches for the stops, rests, and free movement
     /// without a force field need none.
     pub fn first_unhomed(&self, mut homed: u8) -> Option<(usize, usize)> {
-        for (at, step) in self.steps.iter().enumerate() {
+        let first = self.continues.as_ref().map_or(0, |from| from.segment as usize);
+        for (at, step) in self.steps.iter().enumerate().skip(first) {
             let movement = &step.track.movement;
             if matches!(movement, Movement::Initialise(_)) {
                 homed |= 1 << step.axis;
@@ -256,4 +350,11 @@ impl Program {
     pub fn plan(&self, segment: usize) -> Option<&Arc<Plan>> {
         self.steps.get(segment)?.plan.as_ref()
     }
+}
+
+/// Inputs of the electrodes over a group of muscles, one bit each.
+fn inputs_of(rig: &RigFile, group: Group) -> u16 {
+    let electrodes = rig.electrodes();
+    let of_group = electrodes.iter().filter(|electrode| electrode.group == group);
+    of_group.fold(0, |inputs, electrode| inputs | 1 << electrode.input)
 }

@@ -16,6 +16,14 @@ impl Player {
         }
     }
 
+    /// Takes a pulse that was typed as the key 5, before a step; `at_ns` is when it was pressed
+    /// (CLOCK_MONOTONIC).
+    pub fn see_scanner_key(&mut self, at_ns: u64) {
+        if self.is_running() {
+            self.scan.see_key(at_ns);
+        }
+    }
+
     /// Whether another event of the line can be taken: there is room for what it makes known.
     pub fn can_see_scanner(&self) -> bool {
         self.scan.has_room()
@@ -55,10 +63,13 @@ impl Player {
         change: Change,
         now_ns: u64,
     ) {
-        if change == Change::Started {
-            self.scan.begin(&program.scan, now_ns);
-        } else {
-            self.scan.catch_up(now_ns);
+        match (change, program.continues()) {
+            (Change::Started, _) => self.scan.begin(&program.scan, now_ns),
+            (Change::Continued(_), Some(from)) => {
+                self.scan.go_on(from.scan, &program.scan.pulses, now_ns);
+                self.scan.catch_up(now_ns);
+            }
+            _ => self.scan.catch_up(now_ns),
         }
         self.begin_wait(program, segment, now_ns);
     }

@@ -6,15 +6,16 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use ipc_types::{
-    EXPERIMENT_COMMANDS, Event, EventKind, ExperimentAnswer, ExperimentRequest, Process,
-    SessionProgress, Severity,
+    EXPERIMENT_COMMANDS, Event, EventKind, ExperimentAnswer, ExperimentRequest, InterruptedRun,
+    Process, PulseSource, SessionProgress, Severity,
 };
 use rig::RigFile;
 use rig::protocol::Protocol;
-use runtime::clock::{SECOND_NS, now_ns};
+use runtime::clock::{ClockPair, SECOND_NS, now_ns};
 use runtime::{RigName, ServiceError, Worker};
-use scanner::REPETITION_S;
 
+use crate::contraction;
+use crate::interrupted::{Continuation, Interrupted, InterruptedFile};
 use crate::player::{Change, Program, Reason};
 use crate::session_state::{SessionState, SessionStep};
 use crate::state::PlayerState;
@@ -28,6 +29,13 @@ const TAKE_LIMIT: Duration = Duration::from_secs(1);
 const PERMISSION_LIMIT: Duration = Duration::from_millis(300);
 /// Without a sample this young, nobody knows where the handle is (ns).
 const SAMPLE_LIMIT_NS: u64 = SECOND_NS / 2;
+/// A key that was pressed longer ago, or further in the future, is not counted (s).
+const KEY_LIMIT_S: f64 = 2.0;
+/// Why a protocol that counts volumes cannot be played.
+const NO_TRIGGER: &str = "this protocol waits for the scanner or counts its volumes, and the rig \
+                          has no trigger line: add a channel of kind \"trigger\" or [scanner] with \
+                          `digital` to the rig file, or run with --scanner-key or \
+                          --emulate-scanner TR";
 /// Longest error in an answer (bytes).
 const LONGEST_ERROR: usize = 32_768;
 
@@ -41,9 +49,17 @@ pub(super) struct Current {
     pub(super) sessions: SessionState,
     /// The newest change that the loop has reported.
     pub(super) newest: Option<ChangeReport>,
+    /// Whether the maxima that it measured were saved, as far as that could be.
+    pub(super) maxima_saved: bool,
 }
 
 impl Current {
+    /// Whether it ran to its end, and the result of its last session is known.
+    fn is_over(&self) -> bool {
+        let done = self.newest.is_some_and(|report| report.change == Change::Done);
+        done && self.sessions.over >= self.program.sessions().sessions
+    }
+
     /// The sessions so far; `None` for a protocol without. The result of the last one comes a few
     /// milliseconds after the end of a protocol that is completed.
     fn progress(&self, completed: bool) -> Option<SessionProgress> {
@@ -65,6 +81,8 @@ pub(super) struct RequestHandler {
     pub(super) file: PathBuf,
     /// Folder of the learnt references.
     pub(super) learnt: PathBuf,
+    /// What can be continued after the whole computer has died.
+    pub(super) interrupted: InterruptedFile,
     pub(super) link: RequestSide,
     pub(super) current: Option<Current>,
     /// Programs that the loop may still hold: the last one to let go frees the memory, and that
@@ -86,13 +104,18 @@ impl RequestHandler {
 
     fn answer(&mut self, request: ExperimentRequest) -> ExperimentAnswer {
         let result = match request {
-            ExperimentRequest::Check { protocol, name, emulate_scanner_s } => {
+            ExperimentRequest::Check { protocol, name, pulses } => {
                 // Why the last protocol ended does not concern this one.
-                let error = self.check(&protocol, &name, emulate_scanner_s).err();
+                let error = self.check(&protocol, &name, &pulses).err();
                 return ExperimentAnswer { error: cut(error.unwrap_or_default()), ..self.status() };
             }
-            ExperimentRequest::Run { protocol, name, client, emulate_scanner_s } => {
-                self.play(&protocol, &name, client, emulate_scanner_s)
+            ExperimentRequest::Run { protocol, name, client, pulses } => {
+                self.play(&protocol, &name, client, &pulses)
+            }
+            ExperimentRequest::Pulse { client, at_ns } => self.pulse(client, at_ns),
+            ExperimentRequest::Interrupted => return self.interrupted_answer(),
+            ExperimentRequest::Continue { client } => {
+                self.interrupted().and_then(|(program, _)| self.begin(program, client))
             }
             ExperimentRequest::Renew { client } => self.renew(client),
             ExperimentRequest::Stop { client } => self.stop(client),
@@ -121,6 +144,7 @@ impl RequestHandler {
             permission_lost: self.permission_lost,
             scan: reading.scan,
             sessions: self.current.as_ref().and_then(|c| c.progress(reading.completed)),
+            interrupted: None,
             error: self.trouble.clone(),
         }
     }
@@ -130,9 +154,15 @@ impl RequestHandler {
         text: &str,
         name: &str,
         client: u64,
-        emulate_scanner_s: Option<f64>,
+        pulses: &PulseSource,
     ) -> Result<(), String> {
-        let program = Arc::new(self.check(text, name, emulate_scanner_s)?);
+        let program = self.check(text, name, pulses)?;
+        self.begin(program, client)
+    }
+
+    /// Has the loop play a program that was checked.
+    fn begin(&mut self, program: Program, client: u64) -> Result<(), String> {
+        let program = Arc::new(program);
         if !self.link.progress.read().enabled {
             // The token that shows a fresh `enable` may still be on its way.
             self.wait_until(PERMISSION_LIMIT, |link| link.progress.read().enabled)
@@ -140,24 +170,23 @@ impl RequestHandler {
         }
         if let Err(reason) = find_references(&program, &self.learnt) {
             // In the recording, too: nothing is played, and why.
-            let event = Event::new(
-                Process::Experiment,
-                EventKind::ProtocolStopped,
-                Severity::Error,
-                &reason,
-            );
-            if self.link.events.push(event).is_err() {
-                self.link.dropped.count();
-            }
+            self.publish(EventKind::ProtocolStopped, Severity::Error, &reason);
             return Err(reason);
         }
         self.save_changes();
         let order = self.next_order();
         self.retired.retain(|program| Arc::strong_count(program) > 1);
         self.retired.push(Arc::clone(&program));
-        let (sessions, newest) = (SessionState::default(), None);
-        self.current =
-            Some(Current { order, client, program: Arc::clone(&program), sessions, newest });
+        self.current = Some(Current {
+            order,
+            client,
+            program: Arc::clone(&program),
+            sessions: program
+                .continues()
+                .map_or_else(SessionState::default, |from| from.sessions.clone()),
+            newest: None,
+            maxima_saved: false,
+        });
         (self.permission_lost, self.trouble) = (false, String::new());
         let before_ns = now_ns().saturating_add(TAKE_LIMIT.as_nanos() as u64);
         self.order(order, Order::Play { number: order, program, deadline_ns: before_ns })
@@ -165,15 +194,51 @@ impl RequestHandler {
 
     /// The program of a protocol that could be played now, but for the motor's power: nobody shall
     /// power a rig for a protocol that it cannot play.
-    fn check(
+    fn check(&self, text: &str, name: &str, pulses: &PulseSource) -> Result<Program, String> {
+        self.check_from(text, name, pulses, None)
+    }
+
+    /// The protocol that was interrupted, checked as [`Self::check`] does, to begin there.
+    fn interrupted(&self) -> Result<(Program, Interrupted), String> {
+        let Some(interrupted) = self.interrupted.read()? else {
+            return Err("no protocol with sessions was interrupted".to_owned());
+        };
+        let from = interrupted.continuation(&ClockPair::measure());
+        let PlayerState { text, name, pulses, .. } = &interrupted.state;
+        let program = self.check_from(text, name, pulses, Some(from))?;
+        Ok((program, interrupted))
+    }
+
+    fn interrupted_answer(&self) -> ExperimentAnswer {
+        let read = self.interrupted.read().ok().flatten();
+        let interrupted = read.map(|Interrupted { state, .. }| InterruptedRun {
+            name: state.name,
+            protocol: state.text,
+            segment: state.segment,
+            sessions_over: state.sessions.over,
+            pulses: state.pulses,
+        });
+        let error = self.interrupted().err().unwrap_or_default();
+        ExperimentAnswer { interrupted, error: cut(error), ..self.status() }
+    }
+
+    fn check_from(
         &self,
         text: &str,
         name: &str,
-        emulate_scanner_s: Option<f64>,
+        pulses: &PulseSource,
+        from: Option<Continuation>,
     ) -> Result<Program, String> {
         let protocol = Protocol::parse(text, name).map_err(|error| error.to_string())?;
         let program = Program::new(&protocol, &self.rig).map_err(|error| error.to_string())?;
-        let program = with_scanner(program, &self.rig, emulate_scanner_s)?;
+        let program = program.with_pulses(pulses)?.with_maxima(&self.learnt, &self.rig)?;
+        let program = match from {
+            Some(from) => program.continuing(from)?,
+            None => program,
+        };
+        if program.needs_trigger() && self.rig.scanner.is_none() {
+            return Err(NO_TRIGGER.to_owned());
+        }
         let reading = self.link.progress.read();
         if reading.running {
             return Err(self.busy());
@@ -222,6 +287,38 @@ impl RequestHandler {
             return Err(format!("this protocol has ended, and {}", self.busy()));
         }
         Err("this protocol has ended".to_owned())
+    }
+
+    /// Hands a pulse that was typed as the key 5 to the loop.
+    fn pulse(&mut self, client: u64, at_ns: u64) -> Result<(), String> {
+        let current = self.current.as_ref().filter(|_| self.link.progress.read().running);
+        let Some(current) = current else {
+            return Err("the key 5 was not counted: no protocol is running".to_owned());
+        };
+        if current.client != client {
+            return Err("the key 5 was not counted: the protocol belongs to another client".into());
+        }
+        if !current.program.takes_keys() {
+            return Err(
+                "the key 5 was not counted: this protocol takes its pulses from elsewhere \
+                        (run it with --scanner-key)"
+                    .to_owned(),
+            );
+        }
+        let now_ns = now_ns();
+        // The clock of a page is known to half a round trip: a little ahead is now.
+        let off_s = (at_ns as f64 - now_ns as f64) * 1e-9;
+        if !(-KEY_LIMIT_S..=KEY_LIMIT_S).contains(&off_s) {
+            return Err(format!(
+                "the key 5 was not counted: it was pressed {:.1} s {} by the clock of the page",
+                off_s.abs(),
+                if off_s > 0.0 { "in the future" } else { "ago" },
+            ));
+        }
+        self.link.keys.push(at_ns.min(now_ns)).map_err(|_| {
+            self.link.dropped.count();
+            "the key 5 was not counted: too many wait".to_owned()
+        })
     }
 
     fn stop(&mut self, client: Option<u64>) -> Result<(), String> {
@@ -283,6 +380,13 @@ impl RequestHandler {
         let Some(current) = &mut self.current else { return };
         let changed = newest.filter(|report| report.order == current.order);
         current.newest = changed.or(current.newest);
+        if !current.maxima_saved && current.is_over() {
+            current.maxima_saved = true;
+            let told = save_maxima(current, &self.learnt, &self.rig);
+            if told.is_some_and(|event| self.link.events.push(event).is_err()) {
+                self.link.dropped.count();
+            }
+        }
         let Some(ChangeReport { change, epoch, scan, .. }) =
             current.newest.filter(|_| changed.is_some() || session_over)
         else {
@@ -290,7 +394,9 @@ impl RequestHandler {
         };
         let (segment, running) = match change {
             Change::Started => (0, true),
-            Change::Segment(segment) | Change::Resumed(segment) => (segment, true),
+            Change::Continued(segment) | Change::Segment(segment) | Change::Resumed(segment) => {
+                (segment, true)
+            }
             Change::Stopped(segment) | Change::Aborted(segment, _) => (segment, false),
             Change::Done => (current.program.segments().saturating_sub(1) as u32, false),
         };
@@ -298,6 +404,7 @@ impl RequestHandler {
         let sessions = current.sessions.clone();
         let begun = current.program.state(self.session, epoch, client);
         let state = PlayerState { segment, running, scan, sessions, ..begun };
+        let kept = keep(&self.interrupted, &current.program, change, &state);
         self.permission_lost = matches!(change, Change::Aborted(_, Reason::PermissionLost));
         self.trouble = match save(&self.file, &state) {
             Ok(()) => match change {
@@ -311,6 +418,35 @@ impl RequestHandler {
                 )
             }
         };
+        if let Err(reason) = kept {
+            let text = "it could not be kept for `farreach run --continue`: ";
+            self.publish(EventKind::DataLost, Severity::Warning, &format!("{text}{reason}"));
+        }
+    }
+
+    /// Has the loop publish an event.
+    fn publish(&mut self, kind: EventKind, severity: Severity, text: &str) {
+        let event = Event::new(Process::Experiment, kind, severity, text);
+        if self.link.events.push(event).is_err() {
+            self.link.dropped.count();
+        }
+    }
+}
+
+/// Keeps a protocol with sessions until it has run to its end.
+fn keep(
+    file: &InterruptedFile,
+    program: &Program,
+    change: Change,
+    state: &PlayerState,
+) -> Result<(), String> {
+    if !program.can_be_continued() {
+        return Ok(());
+    }
+    match change {
+        Change::Done => file.remove(),
+        // What ends a protocol early leaves it where it was.
+        _ => file.keep(&Interrupted::new(state.clone(), &ClockPair::measure())),
     }
 }
 
@@ -326,29 +462,17 @@ fn cut(mut error: String) -> String {
     error
 }
 
-/// The program with the scanner that it shall follow: the trigger line's, or an emulated one.
-fn with_scanner(
-    program: Program,
-    rig: &RigFile,
-    emulate_scanner_s: Option<f64>,
-) -> Result<Program, String> {
-    let (shortest, longest) = REPETITION_S;
-    match emulate_scanner_s {
-        Some(repetition_s) if (shortest..=longest).contains(&repetition_s) => {
-            Ok(program.with_emulated_scanner(repetition_s))
-        }
-        Some(repetition_s) => Err(format!(
-            "--emulate-scanner: expected a repetition time from {shortest} to {longest} s, found \
-             {repetition_s}"
-        )),
-        None if program.needs_trigger() && rig.scanner.is_none() => Err(
-            "this protocol waits for the scanner or counts its volumes, and the rig has no trigger \
-             line: add a channel of kind \"trigger\" or [scanner] with `digital` to the rig file, \
-             or run with --emulate-scanner TR"
-                .to_owned(),
-        ),
-        None => Ok(program),
-    }
+/// Saves the maxima that a protocol has measured, and says so; `None` where it saves none.
+fn save_maxima(current: &Current, folder: &Path, rig: &RigFile) -> Option<Event> {
+    let name = current.program.saves_maxima()?;
+    let maxima = &current.sessions.maxima;
+    let count = maxima.iter().filter(|maximum| **maximum > 0.0).count();
+    let (severity, text) = match contraction::save(folder, name, rig, maxima) {
+        Ok(_) => (Severity::Info, name.to_owned()),
+        Err(reason) => (Severity::Error, reason),
+    };
+    let event = Event::new(Process::Experiment, EventKind::MaximaSaved, severity, &text);
+    Some(Event { a: count as f64, ..event })
 }
 
 /// Writes the state whole or not at all.

@@ -3,8 +3,10 @@
 use std::cmp::Ordering;
 
 use ipc_types::{
-    Event, EventKind, LineEvent, Process, SCANNER, ScannerPulse, Severity, VOLUME, Volume,
+    Event, EventKind, LineEvent, Process, SCANNER, SCANNER_KEY, ScannerPulse, Severity, VOLUME,
+    Volume,
 };
+use rtrb::Consumer;
 use runtime::{Losses, PortError, Publisher, Service, Subscriber};
 
 use crate::player::Player;
@@ -18,6 +20,9 @@ const REPORTS_A_CYCLE: usize = 16;
 #[derive(Debug)]
 pub(super) struct ScanPorts {
     pulses: Subscriber<ScannerPulse>,
+    keys: Publisher<ScannerPulse>,
+    /// Keys that were pressed since this process began.
+    pressed: u64,
     volumes: Publisher<Volume>,
     /// A protocol has ended, and its counts are to be published after the last report.
     counts_due: bool,
@@ -25,12 +30,21 @@ pub(super) struct ScanPorts {
 
 impl ScanPorts {
     pub(super) fn open(service: &mut Service) -> Result<Self, PortError> {
-        let (pulses, volumes) = (service.subscriber(SCANNER)?, service.publisher(VOLUME)?);
-        Ok(Self { pulses, volumes, counts_due: false })
+        Ok(Self {
+            pulses: service.subscriber(SCANNER)?,
+            keys: service.publisher(SCANNER_KEY)?,
+            pressed: 0,
+            volumes: service.publisher(VOLUME)?,
+            counts_due: false,
+        })
     }
 
-    /// Tells the player what has happened on the trigger line.
-    pub(super) fn tell(&mut self, player: &mut Player) -> Result<(), PortError> {
+    /// Tells the player what has happened on the trigger line, and which keys were pressed.
+    pub(super) fn tell(
+        &mut self,
+        player: &mut Player,
+        keys: &mut Consumer<u64>,
+    ) -> Result<(), PortError> {
         // What there is no room for waits in shared memory.
         while player.can_see_scanner()
             && let Some(pulse) = self.pulses.take()?
@@ -38,6 +52,15 @@ impl ScanPorts {
             if let Some(event) = LineEvent::from_code(pulse.kind) {
                 player.see_scanner(event, pulse.at_ns);
             }
+        }
+        while player.can_see_scanner()
+            && let Ok(at_ns) = keys.pop()
+        {
+            player.see_scanner_key(at_ns);
+            self.pressed += 1;
+            let kind = LineEvent::Pulse.code();
+            let (pulses, none) = (self.pressed, ScannerPulse::default());
+            self.keys.send(ScannerPulse { at_ns, pulses, kind, ..none })?;
         }
         Ok(())
     }
@@ -86,10 +109,14 @@ impl ScanPorts {
     /// Keeps the list of subscribers current: there may be no volume for hours.
     pub(super) fn refresh(&self) {
         self.volumes.refresh();
+        self.keys.refresh();
     }
 
     pub(super) fn losses(&self, losses: Losses) -> Losses {
-        losses.received(self.pulses.counters()).sent(self.volumes.undelivered())
+        losses
+            .received(self.pulses.counters())
+            .sent(self.volumes.undelivered())
+            .sent(self.keys.undelivered())
     }
 }
 

@@ -20,6 +20,8 @@ const ORDER_CAPACITY: usize = 4;
 pub(super) const EVENT_CAPACITY: usize = 64;
 /// Capacity of the ring for changes; segments start at most a few times per second.
 const CHANGE_CAPACITY: usize = 256;
+/// Capacity of the ring for keys: more than a person or a scanner types in a cycle of the loop.
+const KEY_CAPACITY: usize = 64;
 /// Capacity of the ring for steps of sessions; the bar is updated twice a second.
 const STEP_CAPACITY: usize = 256;
 
@@ -183,6 +185,8 @@ impl Dropped {
 #[derive(Debug)]
 pub(super) struct LoopSide {
     pub(super) orders: Consumer<Order>,
+    /// When the key 5 was pressed (ns, CLOCK_MONOTONIC).
+    pub(super) keys: Consumer<u64>,
     pub(super) changes: Producer<ChangeReport>,
     /// Steps of sessions, each with the number of the order being played.
     pub(super) steps: Producer<(u32, SessionStep)>,
@@ -195,6 +199,7 @@ pub(super) struct LoopSide {
 #[derive(Debug)]
 pub(super) struct RequestSide {
     pub(super) orders: Producer<Order>,
+    pub(super) keys: Producer<u64>,
     pub(super) changes: Consumer<ChangeReport>,
     pub(super) steps: Consumer<(u32, SessionStep)>,
     /// Events to publish.
@@ -206,6 +211,7 @@ pub(super) struct RequestSide {
 /// Creates both sides.
 pub(super) fn pair() -> (LoopSide, RequestSide) {
     let (order_in, order_out) = RingBuffer::new(ORDER_CAPACITY);
+    let (key_in, key_out) = RingBuffer::new(KEY_CAPACITY);
     let (change_in, change_out) = RingBuffer::new(CHANGE_CAPACITY);
     let (step_in, step_out) = RingBuffer::new(STEP_CAPACITY);
     let (event_in, event_out) = RingBuffer::new(EVENT_CAPACITY);
@@ -213,6 +219,7 @@ pub(super) fn pair() -> (LoopSide, RequestSide) {
     let dropped = Dropped::default();
     let loop_side = LoopSide {
         orders: order_out,
+        keys: key_out,
         changes: change_in,
         steps: step_in,
         events: event_out,
@@ -223,6 +230,7 @@ pub(super) fn pair() -> (LoopSide, RequestSide) {
         loop_side,
         RequestSide {
             orders: order_in,
+            keys: key_in,
             changes: change_out,
             steps: step_out,
             events: event_in,

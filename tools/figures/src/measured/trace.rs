@@ -59,7 +59,14 @@ impl Trace {
         let (Some(&first), Some(&last)) = (ticks.first(), ticks.last()) else {
             bail!("no samples of it were recorded");
         };
-        let rows = last - first + 1;
+        let rows = last.saturating_sub(first).saturating_add(1);
+        if rows / 2 > ticks.len() as u64 || rows < ticks.len() as u64 {
+            bail!(
+                "it has {} samples with ticks from {first} to {last}: more than half are missing, \
+                 or they run backwards",
+                ticks.len()
+            );
+        }
         if (rows as f64) < rate_hz {
             bail!("it has {rows} samples, less than a second");
         }

@@ -4,13 +4,14 @@ use std::io::Write;
 use std::path::Path;
 
 use indicatif::{ProgressBar, ProgressStyle};
-use ipc_types::{ExperimentAnswer, LoggerAnswer, LoggerRequest, Verb};
+use ipc_types::{ExperimentAnswer, LoggerAnswer, LoggerRequest, PulseSource, Verb};
 use runtime::{DomainError, RigName};
 use serde_json::json;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 
 use super::{RunArguments, print, print_json};
 use crate::run::causes;
+use crate::scanner_key::ScannerKey;
 use crate::up::absolute;
 use crate::{
     ChosenProtocol, ConsoleAddress, DATA_LOST, DONE, Error, FAILED, Progress, RigLink, RunOutcome,
@@ -44,16 +45,24 @@ pub(super) fn verb(rig_name: &RigName, verb: Verb, as_json: bool) -> anyhow::Res
 }
 
 pub(super) fn run(arguments: &RunArguments, rig_name: &RigName) -> anyhow::Result<i32> {
+    let options = &arguments.options;
     // A wrong file is told without a rig.
-    let chosen = ChosenProtocol::new(&arguments.options)?;
+    let chosen = (!options.continues).then(|| ChosenProtocol::new(options)).transpose()?;
     let stop = runtime::stop_on(&[SIGINT, SIGTERM, SIGHUP])?;
     let link = link(rig_name)?;
+    let chosen = match chosen {
+        Some(chosen) => chosen,
+        None => ChosenProtocol::interrupted(&link, options)?,
+    };
     let unrecorded =
         link.logger(&LoggerRequest::Status).is_ok_and(|logger| logger.recording.is_none());
-    let mut files = match &arguments.options.mat {
-        Some(name) => Some(SessionFiles::new(&link, chosen.protocol(), name)?),
+    let mut files = match &options.mat {
+        Some(name) => Some(SessionFiles::new(&link, &chosen, name)?),
         None => None,
     };
+    let keys = (*chosen.pulses() == PulseSource::Key)
+        .then(|| ScannerKey::start(rig_name, chosen.client()))
+        .transpose()?;
     // Nothing is drawn where standard error is no terminal.
     let bar = ProgressBar::new(1000).with_style(ProgressStyle::with_template("{bar:40} {msg}")?);
     let mut told = false;
@@ -72,6 +81,9 @@ pub(super) fn run(arguments: &RunArguments, rig_name: &RigName) -> anyhow::Resul
         }
     });
     bar.finish_and_clear();
+    if let Some(uncounted) = keys.map(ScannerKey::finish).filter(|it| !it.reason.is_empty()) {
+        eprintln!("{} keys were not counted: {}", uncounted.keys, uncounted.reason);
+    }
     let completed = matches!(outcome, Ok(RunOutcome::Completed { .. }));
     let written = files.map_or_else(Vec::new, |files| files.finish(completed));
     let unwritten = written.iter().filter_map(|file| file.as_ref().err());

@@ -36,7 +36,7 @@ pub(super) fn write(
 ) -> anyhow::Result<()> {
     let file = |suffix: &str| names.recording(datatype, "handle", suffix);
     let inputs: Vec<usize> = indices(run, |signal, rig| match signal.source {
-        Source::Torque(_) | Source::MotorVolts(_) => true,
+        Source::Torque(_) | Source::MotorVolts(_) | Source::Sync(_) => true,
         Source::Analog(input, _) => kind_of(rig, input) != ChannelKind::Emg,
         Source::Master(_) | Source::Slave(_) => false,
     });
@@ -198,6 +198,10 @@ fn column_of(run: &Run<'_>, at: usize) -> Column {
         ),
         Source::MotorVolts(axis) => (name.as_str(), format!("Volts at the motor of {}", of(*axis))),
         Source::Analog(input, _) => (name.as_str(), format!("Input {input} of the card")),
+        Source::Sync(_) => (
+            name.as_str(),
+            "1 during the pulse that the card gives at a session's beginning".to_owned(),
+        ),
         Source::Master(_) | Source::Slave(_) => (name.as_str(), "Position".to_owned()),
     };
     Column { name: name.to_owned(), about, unit: Some(unit.clone()) }

@@ -65,7 +65,7 @@ fn channel(run: &Run<'_>, signal: &Signal) -> String {
         Source::Slave(axis) => (axis, "handle", "hand"),
         Source::Master(axis) => (axis, "motor", "n/a"),
         Source::Torque(axis) | Source::MotorVolts(axis) => (axis, "n/a", "n/a"),
-        Source::Analog(..) => (0, "n/a", "n/a"),
+        Source::Analog(..) | Source::Sync(_) => (0, "n/a", "n/a"),
     };
     let name = run.samples.rig.axes.get(axis).map_or("", |axis| axis.name.as_str());
     let (kind, component) = match signal.unit.as_str() {

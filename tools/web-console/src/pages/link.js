@@ -66,7 +66,7 @@ const Link = (() => {
             return Promise.resolve({ ok: false, text: "no connection to the console" });
         }
         socket.send(JSON.stringify({ id, request }));
-        if (request.do === "echo" || request.do === "shown") {
+        if (["echo", "shown", "sounded"].includes(request.do)) {
             return Promise.resolve({ ok: true, text: "" });
         }
         return new Promise((done) => waiting.set(id, done));

@@ -37,7 +37,8 @@ function alarm(text) {
 // --- what the operator does
 
 async function ask(request) {
-    const answer = request.do === "build" ? await Setup.send() : await Link.send(request);
+    const builds = request.do === "build" || request.do === "interrupted";
+    const answer = builds ? await Setup.send(request.do) : await Link.send(request);
     element("answer").textContent = answer.text;
     element("answer").classList.toggle("bad", !answer.ok);
     return answer;
@@ -89,6 +90,18 @@ document.addEventListener("keydown", (event) => {
     if (again) { estop(); } else { stop(); }
 });
 
+// The scanner's trigger box is a keyboard that types 5 with every volume, into whatever has the
+// focus: while a protocol takes its pulses from it, no field gets the character.
+let takesKeys = false;
+document.addEventListener("keydown", async (event) => {
+    const page_ms = Link.now();
+    if (event.key !== "5" || !takesKeys || !page.control) { return; }
+    event.preventDefault();
+    if (event.repeat || event.ctrlKey || event.altKey || event.metaKey) { return; }
+    const answer = await Link.send({ do: "pulse", page_ms });
+    if (!answer.ok) { note(answer.text, true); }
+}, true);
+
 // --- what the console tells
 
 Link.on("open", () => {
@@ -127,8 +140,9 @@ function enable() {
     for (const button of document.querySelectorAll("[data-do], [data-verb]")) {
         const action = button.dataset.verb || button.dataset.do;
         const stops = action === "disarm";
+        const builds = action === "interrupted" && can("build");
         const free = action === "refresh" || action === "take-control";
-        button.disabled = !page.token || !(free || (can(action) && (page.control || stops)));
+        button.disabled = !page.token || !(free || ((can(action) || builds) && (page.control || stops)));
     }
     element("start").disabled = element("start").disabled || !Setup.built();
     element("stop").disabled = !page.token || !can("stop");
@@ -161,6 +175,7 @@ Link.on("state", (message) => {
 
 function showRun(desk) {
     const playing = desk.playing;
+    takesKeys = Boolean(playing && playing.takes_keys);
     timeline(playing);
     if (playing) {
         const away = playing.absent ? " (the experiment process is restarting)" : "";
@@ -186,7 +201,8 @@ function scanner(scan) {
     }
     const number = document.createElement("strong");
     const of = scan.expected > 0 ? ` of ${scan.expected}` : "";
-    number.textContent = `${scan.volumes + scan.missed}${of} volumes`;
+    const key = takesKeys ? ", key 5" : "";
+    number.textContent = `${scan.volumes + scan.missed}${of} volumes${key}`;
     const troubles = [[scan.missed, "without a pulse"], [scan.spurious, "spurious pulses"],
         [scan.surplus, "pulses after the last volume"], [scan.overdue, "OVERDUE"]]
         .filter(([count]) => count > 0).map(([count, what]) => `${count} ${what}`);

@@ -33,7 +33,7 @@ const Setup = (() => {
 
     // What is played comes first; name and description are the file's own.
     function arranged(all) {
-        const place = (entry) => ["matching", "segments", "scanner", "protocol"]
+        const place = (entry) => ["matching", "segments", "scanner", "emg", "protocol"]
             .indexOf(entry.path.split(".")[0]);
         return all.filter((entry) => !/^protocol\.(name|description)$/.test(entry.path))
             .sort((a, b) => place(a) - place(b));
@@ -46,7 +46,8 @@ const Setup = (() => {
         line.title = `${entry.path}: ${entry.about}`;
         const name = document.createElement("span");
         const parts = entry.path.split(".");
-        name.textContent = parts[0] === "segments" ? parts.slice(1).join(" ") : parts.slice(-1)[0];
+        // "emg save", "0 duration_s", "sets".
+        name.textContent = parts.slice(parts[0] === "emg" ? 0 : 1).join(" ");
         const input = document.createElement("input");
         input.value = values[entry.path] ?? entry.value ?? "";
         input.placeholder = entry.default;
@@ -94,24 +95,33 @@ const Setup = (() => {
     }
 
     function request() {
-        const emulate = element("emulate").value.trim();
         return {
             do: "build",
             protocol: element("protocol").value,
             entries: changed(),
             subject: element("subject").value.trim(),
             files: element("files").value.trim(),
-            emulate_scanner_s: emulate === "" ? null : Number(emulate),
+            scanner: scanner(),
         };
     }
 
-    async function send() {
-        const asked = request();
-        if (Number.isNaN(asked.emulate_scanner_s)) {
-            const text = "the repetition time of the emulated scanner is no number (2 or 2.5)";
-            element("problems").textContent = text;
-            return { ok: false, text };
-        }
+    // Where the scanner's pulses come from, as `farreach run` writes it in recordings.
+    function scanner() {
+        const source = element("pulses").value;
+        return source === "emulated" ? element("emulate").value.trim() : source;
+    }
+
+    function showScanner(source) {
+        const known = source === "line" || source === "key";
+        element("pulses").value = known ? source : "emulated";
+        if (!known) { element("emulate").value = source; }
+        element("emulating").hidden = known;
+    }
+
+    // Builds what the entries say, or the protocol that was interrupted.
+    async function send(what) {
+        const { subject, files } = request();
+        const asked = what === "interrupted" ? { do: what, subject, files } : request();
         const before = changes;
         const answer = await Link.send(asked);
         if (changes !== before) {
@@ -138,9 +148,9 @@ const Setup = (() => {
 
     function keep() {
         const name = element("preset-name").value.trim() || element("protocol").value;
-        const { protocol, entries: values, emulate_scanner_s } = request();
+        const { protocol, entries: values, scanner: source } = request();
         const all = presets();
-        all[name] = { protocol, values, emulate_scanner_s };
+        all[name] = { protocol, values, scanner: source };
         localStorage.setItem("farreach.presets", JSON.stringify(all));
         listPresets();
     }
@@ -149,13 +159,17 @@ const Setup = (() => {
         const preset = presets()[name];
         if (!preset) { return; }
         element("protocol").value = preset.protocol;
-        element("emulate").value = preset.emulate_scanner_s ?? "";
+        showScanner(preset.scanner ?? "line");
         describe(preset.values);
     }
 
     element("protocol").onchange = () => describe();
     element("preset").onchange = (event) => load(event.target.value);
     element("keep").onclick = keep;
+    element("pulses").onchange = () => {
+        element("emulating").hidden = element("pulses").value !== "emulated";
+        stale();
+    };
     for (const id of ["subject", "files", "emulate"]) { element(id).oninput = stale; }
 
     return { begin, describe, send, built: () => build, described: () => entries.length > 0 };

@@ -41,13 +41,14 @@ Link.on("closed", () => {
 });
 Link.on("bar", (message) => plan(message.view));
 
-// Sounds: a tone for each beat, a higher and a lower one for a session's beginning and end.
+// Sounds: a tone for each beat, a higher and a lower one for a session's beginning and end, and
+// those that the protocol names. The console records when each was made.
 let audio = null;
 document.getElementById("sound").onchange = (event) => {
     audio = event.target.checked ? new AudioContext() : null;
 };
 
-function tone(frequency, duration) {
+function tone(event, frequency, duration) {
     if (!audio) { return; }
     const oscillator = audio.createOscillator();
     const gain = audio.createGain();
@@ -58,15 +59,21 @@ function tone(frequency, duration) {
     oscillator.connect(gain).connect(audio.destination);
     oscillator.start();
     oscillator.stop(end);
+    const latency_ms = 1e3 * (audio.outputLatency || audio.baseLatency || 0);
+    const page_ms = Link.now() + latency_ms;
+    Link.send({ do: "sounded", event: event.kind, at_ms: event.at_ms, page_ms });
 }
 
 Link.on("event", (event) => {
     // What lies further back is no beat for now: a console that was started again is told the last
     // events.
     if (event.age_ms > 300) { return; }
-    if (event.kind === "beat") { tone(880, 0.06); }
-    if (event.kind === "session started") { tone(660, 0.4); }
-    if (event.kind === "session over") { tone(330, 0.4); }
+    switch (event.kind) {
+        case "beat": return tone(event, 880, 0.06);
+        case "session started": return tone(event, 660, 0.4);
+        case "session over": return tone(event, 330, 0.4);
+        case "sound": return tone(event, { high: 880, middle: 550, low: 330 }[event.text], 0.25);
+    }
 });
 
 document.getElementById("full").onclick = () => document.documentElement.requestFullscreen();

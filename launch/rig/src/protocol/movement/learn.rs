@@ -149,8 +149,8 @@ pub(super) fn read(section: &Section<'_>, keys: &mut UnitKeys<'_, '_>) -> Learn 
         growth: section.number_or("growth", 1.5, GROWTH),
         patience: whole("patience", 5, 1, 1000, "worse blocks in a row that end the learning"),
         feedforward: section.flag_or("feedforward", true),
-        save: read_name(section, "save"),
-        load: read_name(section, "load"),
+        save: section.file_name_or_none("save"),
+        load: section.file_name_or_none("load"),
     };
     if learn.settling_cycles >= learn.cycles_per_block {
         let expected = format!("fewer than cycles_per_block ({})", learn.cycles_per_block);
@@ -356,15 +356,4 @@ fn read_law(section: &Section<'_>, amplitude: f64, identify_amplitude: Option<f6
             LearnLaw::Published { gamma_p: 0.1, gamma_d: 0.01, cutoff_hz: 8.0, delay_s: 0.03 }
         }
     }
-}
-
-/// Reads a name that is safe as a file name.
-fn read_name(section: &Section<'_>, key: &str) -> Option<String> {
-    let name = section.text_or_none(key)?;
-    let allowed = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '-' || c == '_';
-    if name.len() <= 64 && name.chars().all(allowed) {
-        return Some(name);
-    }
-    let advice = "it names a file in the folder of learnt references, without folder and extension";
-    section.refuse(key, "1 to 64 of a-z, 0-9, - and _", format!("\"{name}\""), advice)
 }

@@ -1,0 +1,114 @@
+//! The key 5 at the terminal: many scanners' trigger boxes are keyboards that type it with every
+//! volume.
+
+use std::io::{self, IsTerminal, Read};
+use std::os::fd::AsFd;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::JoinHandle;
+
+use ipc_types::ExperimentRequest;
+use runtime::RigName;
+use runtime::clock::now_ns;
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::termios::{LocalModes, OptionalActions, Termios, tcgetattr, tcsetattr};
+
+use crate::RigLink;
+
+/// The key.
+const KEY: u8 = b'5';
+/// Longest time for the thread to see that it shall end.
+const LOOK: Timespec = Timespec { tv_sec: 0, tv_nsec: 100_000_000 };
+
+/// Keys that were not counted.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Uncounted {
+    /// How many.
+    pub(crate) keys: u64,
+    /// Why the last one was not.
+    pub(crate) reason: String,
+}
+
+/// Sends each 5 that is typed to the experiment process, until it is dropped or finished.
+pub(crate) struct ScannerKey {
+    ends: Arc<AtomicBool>,
+    thread: Option<JoinHandle<Uncounted>>,
+    /// The terminal's modes before; `None` where standard input is none.
+    before: Option<Termios>,
+}
+
+impl ScannerKey {
+    /// Begins to read standard input for the client of a protocol. A terminal then hands over each
+    /// key at once, and does not show it.
+    ///
+    /// # Errors
+    /// Where the rig cannot be reached or the terminal's modes cannot be set.
+    pub(crate) fn start(rig: &RigName, client: u64) -> anyhow::Result<Self> {
+        let ends = Arc::new(AtomicBool::new(false));
+        let (ended, rig) = (Arc::clone(&ends), rig.clone());
+        // A link stays in the thread that made it.
+        let thread = std::thread::Builder::new()
+            .name("scanner key".to_owned())
+            .spawn(move || send_keys(&rig, client, &ended))?;
+        let mut key = Self { ends, thread: Some(thread), before: None };
+        let input = io::stdin();
+        if input.is_terminal() {
+            let mut modes = tcgetattr(&input)?;
+            key.before = Some(modes.clone());
+            modes.local_modes.remove(LocalModes::ICANON | LocalModes::ECHO);
+            tcsetattr(&input, OptionalActions::Now, &modes)?;
+        }
+        Ok(key)
+    }
+
+    /// Stops reading; the keys that were not counted.
+    pub(crate) fn finish(mut self) -> Uncounted {
+        self.ends.store(true, Ordering::Relaxed);
+        self.thread.take().and_then(|thread| thread.join().ok()).unwrap_or_default()
+    }
+}
+
+impl Drop for ScannerKey {
+    fn drop(&mut self) {
+        self.ends.store(true, Ordering::Relaxed);
+        if let Some(before) = &self.before {
+            // Nothing better can be done where even that fails.
+            let _restored = tcsetattr(io::stdin(), OptionalActions::Now, before);
+        }
+    }
+}
+
+fn send_keys(rig: &RigName, client: u64, ends: &AtomicBool) -> Uncounted {
+    let mut uncounted = Uncounted::default();
+    let link = match RigLink::open(rig) {
+        Ok(link) => link,
+        Err(error) => {
+            uncounted.reason = format!("the rig cannot be reached: {error}");
+            return uncounted;
+        }
+    };
+    let input = io::stdin();
+    while !ends.load(Ordering::Relaxed) {
+        let mut waiting = [PollFd::from_borrowed_fd(input.as_fd(), PollFlags::IN)];
+        if !poll(&mut waiting, Some(&LOOK)).is_ok_and(|ready| ready > 0) {
+            continue;
+        }
+        let at_ns = now_ns();
+        let mut typed = [0; 64];
+        let read = match input.lock().read(&mut typed) {
+            // Standard input was closed.
+            Ok(0) | Err(_) => break,
+            Ok(read) => read,
+        };
+        for _ in typed.iter().take(read).filter(|key| **key == KEY) {
+            let told = match link.experiment(&ExperimentRequest::Pulse { client, at_ns }) {
+                Ok(answer) if answer.error.is_empty() => continue,
+                Ok(answer) => answer.error,
+                Err(error) => error.to_string(),
+            };
+            uncounted.keys += 1;
+            uncounted.reason = told;
+        }
+    }
+    uncounted
+}
