@@ -124,14 +124,14 @@ pub const HOME_ORDER: TypedTopic<HomeOrder> =
     topic("home_order", Process::Experiment, Rate::Sporadic, 16, 0);
 /// Sessions that begin, for the pulse on a digital output; no history, so that none has two.
 pub const SYNC_ORDER: TypedTopic<SyncOrder> =
-    topic("sync_order", Process::Experiment, Rate::Sporadic, 16, 0);
+    topic("sync_order", Process::Experiment, Rate::Sporadic, 4, 0);
 /// What happens on the scanner's trigger line; the history lets an experiment process that is
 /// started again count the volumes since the beginning of its segment.
 pub const SCANNER: TypedTopic<ScannerPulse> =
     topic("scanner", Process::Acquisition, Rate::Sporadic, 256, 256);
 /// Pulses of the scanner that were typed as the key 5; no history, so that none counts twice.
 pub const SCANNER_KEY: TypedTopic<ScannerPulse> =
-    topic("scanner_key", Process::Experiment, Rate::Sporadic, 64, 0);
+    topic("scanner_key", Process::Experiment, Rate::Sporadic, 8, 0);
 /// The volumes that a protocol counts.
 pub const VOLUME: TypedTopic<Volume> = topic("volume", Process::Experiment, Rate::Sporadic, 256, 1);
 /// Sums of effort and the subject's bar, in a protocol that has sessions.
@@ -142,7 +142,7 @@ pub const SESSION: TypedTopic<SessionResult> =
     topic("session", Process::Experiment, Rate::Sporadic, 16, 16);
 /// Maxima of the muscles' activity.
 pub const EMG_MAXIMUM: TypedTopic<EmgMaximum> =
-    topic("emg_maximum", Process::Experiment, Rate::Sporadic, 16, 16);
+    topic("emg_maximum", Process::Experiment, Rate::Sporadic, 8, 8);
 /// The logger's loss counters.
 pub const LOSS: TypedTopic<LossCounters> = topic("loss", Process::Logger, Rate::Hertz(1), 256, 0);
 /// The logger's measurement of the wall clock.

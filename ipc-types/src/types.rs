@@ -198,16 +198,14 @@ messages! {
         line_age_ns: u64,
         /// digital inputs, one bit each
         digital_in: u32,
-        /// digital outputs, one bit each
-        digital_out: u32,
         /// 1 while the enable line is alive
         motor_power: u8,
         /// axes of the rig
         axes: u8,
         /// Profile that the simulator was granted
         profile: u8 = Profile,
-        /// none
-        reserved: [u8; 5],
+        /// digital outputs, one bit each
+        digital_out: u8,
     }
 
     /// What acquisition writes to the simulated card.

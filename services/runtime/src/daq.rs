@@ -65,7 +65,7 @@ impl Scan {
             analog_v: scan.analog_v,
             motor_v: scan.motor_v,
             digital_in: scan.digital_in,
-            digital_out: scan.digital_out,
+            digital_out: u32::from(scan.digital_out),
             present,
             motor_power: scan.motor_power == 1,
             power_up: scan.incarnation,

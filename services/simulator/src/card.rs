@@ -112,7 +112,7 @@ pub struct Card {
     /// Motor power is cut this long after the last valid toggle of the enable line (ns).
     enable_line_timeout_ns: u64,
     dac_v: [f64; AXES],
-    digital_out: u32,
+    digital_out: u8,
     /// Incarnation of the watchdog that last drove the enable line, and its toggle count.
     enable_line: Option<(u64, u64)>,
     /// Time of the last edge (ns).
@@ -236,9 +236,9 @@ impl Card {
         self.output_incarnation = incarnation;
     }
 
-    /// Sets the digital outputs, one bit each; they hold until the next call.
+    /// Sets the eight digital outputs, one bit each; they hold until the next call.
     pub const fn set_digital(&mut self, levels: u32) {
-        self.digital_out = levels;
+        self.digital_out = levels as u8;
     }
 
     /// Shows the subject at the handle the light and the bars.
