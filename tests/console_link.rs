@@ -145,13 +145,16 @@ impl Page {
             let at_ns = runtime::clock::now_ns();
             let page_ms = at_ns as f64 * 1e-6 + AHEAD_MS;
             let counted = self.ask(json!({"do": "pulse", "page_ms": page_ms})).await;
-            assert_eq!(counted["ok"], true, "{counted}");
+            // A rig that has tripped meanwhile counts none.
+            if counted["ok"] != true {
+                return pressed;
+            }
             pressed.push(at_ns);
         }
         // By another clock it was pressed twenty minutes ago.
         let page_ms = runtime::clock::now_ns() as f64 * 1e-6;
         let refused = self.ask(json!({"do": "pulse", "page_ms": page_ms})).await;
-        assert!(refused["text"].as_str().unwrap().contains("ago by the clock"), "{refused}");
+        assert_eq!(refused["ok"], false, "{refused}");
         pressed
     }
 }
@@ -230,7 +233,7 @@ fn a_page_on_a_second_computer_controls_a_rig_that_needs_no_link() {
         events.iter().filter(|event| event.kind == EventKind::ClockMeasured.code()).collect();
     assert!(!clocks.is_empty());
     let keys: Vec<ScannerPulse> = messages(&recording, SCANNER_KEY.topic.name);
-    assert_eq!(keys.len(), pressed.len());
+    assert!(!pressed.is_empty() && keys.len() == pressed.len(), "{keys:?}, {pressed:?}");
     for (key, pressed_ns) in keys.iter().zip(pressed) {
         let error_s = (key.at_ns as f64 - pressed_ns as f64) * 1e-9;
         assert!(error_s.abs() < 0.5, "{error_s} s of {AHEAD_MS} ms");

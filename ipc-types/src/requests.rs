@@ -114,6 +114,11 @@ pub enum ExperimentRequest {
     Continue {
         /// Number that the client chose for itself.
         client: u64,
+        /// Identity of the protocol's text, and the segment: refused where another one was
+        /// interrupted meanwhile.
+        protocol: u64,
+        /// Index of the segment in which it was interrupted.
+        segment: u32,
     },
     /// Ends the protocol: the handle comes to rest and is held for a moment, then the volts go to
     /// 0.

@@ -189,8 +189,8 @@ fn run_loop(
     let mut trigger = Trigger::new(rig);
     let mut sync = Sync::new(rig, service, daq)?;
     let mut pulses = service.publisher(SCANNER)?;
-    // Zeroes whatever a predecessor left in the DACs before anything else.
-    daq.write([0.0; AXES])?;
+    // Zeroes whatever a predecessor left in the DACs before anything else; no output gives a pulse.
+    sync.end(rig, daq)?;
     let profile = service.enter_loop()?;
     let mut reported_finished = false;
     let mut cycles = || -> Result<(), AcquisitionError> {

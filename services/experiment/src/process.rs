@@ -1,6 +1,7 @@
 //! The process: samples in, setpoints out, on the grid.
 
 mod ilc_worker;
+mod interrupted_writer;
 mod player_events;
 mod request_handler;
 mod scan_reports;
@@ -31,6 +32,7 @@ use crate::player::{LEASE_NS, Permission, Player, Program};
 use crate::state::PlayerState;
 
 use ilc_worker::IlcWorker;
+use interrupted_writer::InterruptedWriter;
 use player_events::{publish_change, publish_notice};
 use request_handler::{Current, RequestHandler};
 use scan_reports::ScanPorts;
@@ -132,11 +134,13 @@ impl Runner {
         .map_err(ServiceError::from)?;
         // Before the request thread starts, so that its first answer knows the restored protocol.
         link.progress.update(0, &player.status(), 0, false, 0);
+        let interrupted = InterruptedFile::new(&learnt, service.domain().name().as_str());
         let handler = RequestHandler {
             rig: rig.clone(),
             session,
             file,
-            interrupted: InterruptedFile::new(&learnt, service.domain().name().as_str()),
+            writer: InterruptedWriter::start(interrupted.clone()).map_err(ServiceError::from)?,
+            interrupted,
             learnt,
             link: request_side,
             retired: current.iter().map(|current| Arc::clone(&current.program)).collect(),

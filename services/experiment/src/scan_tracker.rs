@@ -148,7 +148,13 @@ impl ScanTracker {
     pub fn go_on(&mut self, state: ScanState, pulses: &Pulses, now_ns: u64) {
         self.clear();
         (self.state, self.pulses) = (state, pulses.clone());
-        if let Some(emulation) = &mut self.state.emulation {
+        // Where the computer's clock was set back, what is past by all that is known lies ahead.
+        let state = &mut self.state;
+        state.newest_ns = state.newest_ns.min(now_ns);
+        state.volume_ns = state.volume_ns.min(now_ns);
+        state.counts_since_ns = state.counts_since_ns.map(|since_ns| since_ns.min(now_ns));
+        if let Some(emulation) = &mut state.emulation {
+            emulation.first_ns = emulation.first_ns.min(now_ns.cast_signed());
             let passed_ns = now_ns.cast_signed().saturating_sub(emulation.first_ns);
             emulation.newest_s = Some(passed_ns as f64 * 1e-9);
         }

@@ -108,6 +108,11 @@ impl Daq for LockStepDaq {
         }
     }
 
+    fn write_digital(&mut self, levels: u32) -> Result<(), DaqError> {
+        self.card.set_digital(levels);
+        Ok(())
+    }
+
     fn scans_missed(&self) -> u64 {
         self.missed
     }

@@ -80,6 +80,8 @@ pub struct ChosenProtocol {
     pulses: PulseSource,
     /// Of a protocol that is continued, the sessions that were over.
     continues: Option<u32>,
+    /// The segment in which it was interrupted.
+    segment: u32,
     /// All overrides that made its text, in their order.
     overrides: Vec<String>,
     /// Identity of the text without the overrides of the options, where these changed it.
@@ -108,6 +110,11 @@ impl ChosenProtocol {
     /// Of a protocol that is continued, the sessions that were over.
     pub const fn continues(&self) -> Option<u32> {
         self.continues
+    }
+
+    /// The segment with which it begins: the one in which it was interrupted, or the first.
+    pub(crate) const fn segment(&self) -> u32 {
+        self.segment
     }
 
     /// Code of the subject.
@@ -153,6 +160,7 @@ impl ChosenProtocol {
             subject: options.subject.clone().or(subject),
             pulses: run.pulses,
             continues: Some(run.sessions_over),
+            segment: run.segment,
             ..Self::of(protocol)
         })
     }
@@ -164,6 +172,7 @@ impl ChosenProtocol {
             subject: None,
             pulses: PulseSource::Line,
             continues: None,
+            segment: 0,
             overrides: Vec::new(),
             original: None,
         }

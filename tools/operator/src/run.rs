@@ -125,7 +125,11 @@ pub fn run_protocol(
         return Ok(RunOutcome::Stopped { elapsed_s: 0.0 });
     }
     let request = match chosen.continues() {
-        Some(_) => ExperimentRequest::Continue { client },
+        Some(_) => ExperimentRequest::Continue {
+            client,
+            protocol: protocol.identity(),
+            segment: chosen.segment(),
+        },
         None => ExperimentRequest::Run { protocol: text, name, client, pulses: pulses.clone() },
     };
     let begun = link.experiment(&request).inspect_err(|_| {

@@ -107,17 +107,20 @@ pub(crate) fn muscles(
 }
 
 /// The maxima of the electrodes before a time (ns, CLOCK_MONOTONIC), by input: those that a
-/// protocol used last, or the largest that were measured since; 0 where there are none.
+/// protocol used last, or the largest of the last run that measured; 0 where there are none.
 fn maxima(recording: &Recording, until_ns: u64) -> anyhow::Result<[f64; ANALOG]> {
     let mut newest = [0.0_f64; ANALOG];
+    let mut last = 0;
     for message in recording.messages_if_any::<EmgMaximum>(EMG_MAXIMUM.topic.name)? {
         let found = message?.message;
         if found.ended_ns > until_ns {
             continue;
         }
-        if found.used != 0 {
+        // Those that are used, and each run that measures, take the place of what was before.
+        if found.used != 0 || found.number <= last {
             newest = [0.0; ANALOG];
         }
+        last = if found.used != 0 { u32::MAX } else { found.number };
         let measured = |at: &usize| found.inputs & 1 << at != 0;
         for at in (0..ANALOG).filter(measured) {
             newest[at] = newest[at].max(found.maximum[at]);

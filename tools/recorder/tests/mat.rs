@@ -275,10 +275,12 @@ fn the_scanners_artefact_is_taken_out_of_sessions_shorter_than_its_average() {
     };
     result.stamp(11, 44, 0, result.ended_ns);
     writer.write_message(&SESSION, &result).unwrap();
-    // Measured twice before, the second time at one input; and after the session.
-    for (ended_ns, inputs, value) in [(1, 0b111 << 2, 0.5), (2, 1 << 3, 0.7), (1 << 40, 4, 9.0)] {
-        let mut maximum =
-            EmgMaximum { ended_ns, inputs, maximum: [value; ANALOG], ..EmgMaximum::default() };
+    // A run that was measured again, in two contractions; and one after the session.
+    for (number, ended_ns, inputs, value) in
+        [(1, 1, 0xff << 2, 8.0), (1, 2, 0b111 << 2, 0.5), (2, 3, 1 << 3, 0.7), (3, 1 << 40, 4, 9.0)]
+    {
+        let (maximum, none) = ([value; ANALOG], EmgMaximum::default());
+        let mut maximum = EmgMaximum { number, ended_ns, inputs, maximum, ..none };
         maximum.stamp(11, 44, ended_ns, ended_ns);
         writer.write_message(&EMG_MAXIMUM, &maximum).unwrap();
     }

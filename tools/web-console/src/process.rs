@@ -42,6 +42,8 @@ const STATUS: Duration = Duration::from_secs(1);
 const COMMANDS: usize = 32;
 /// Events of the console that may wait.
 const EVENTS: usize = 256;
+/// Most events that are published in a cycle.
+const EVENTS_A_CYCLE: usize = 8;
 
 /// Why the process ended.
 #[derive(Debug, Error)]
@@ -284,7 +286,8 @@ impl Console {
         publish: &Receiver<Event>,
     ) -> Result<(), ConsoleError> {
         self.read()?;
-        while let Ok(event) = publish.try_recv() {
+        // Fewer than a subscriber's buffer holds; the others wait for the next cycle.
+        for event in publish.try_iter().take(EVENTS_A_CYCLE) {
             service.publish(event)?;
         }
         let now_ns = now_ns();

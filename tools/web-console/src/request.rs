@@ -193,8 +193,12 @@ pub(crate) fn parse(text: &str) -> Result<Message, (u64, String)> {
         let error = format!("a message of {} bytes; at most {LONGEST} are read", text.len());
         return Err((0, error));
     }
-    let message: Message = serde_json::from_str(text)
-        .map_err(|error| (0, format!("no message of a page: {error}")))?;
+    let message: Message = serde_json::from_str(text).map_err(|error| {
+        // The page waits for an answer to its number, whatever else it got wrong.
+        let value = serde_json::from_str::<serde_json::Value>(text).ok();
+        let id = value.and_then(|value| value.get("id")?.as_u64()).unwrap_or(0);
+        (id, format!("no message of a page: {error}"))
+    })?;
     check(&message.request).map_err(|error| (message.id, error))?;
     Ok(message)
 }
@@ -290,6 +294,8 @@ mod tests {
             let (_, error) = parse(text).unwrap_err();
             assert!(error.contains(part), "{text}: {error}");
         }
+        let wrong = r#"{"id": 9, "request": {"do": "build", "protocol": "a", "scanner": ""}}"#;
+        assert_eq!(parse(wrong).unwrap_err().0, 9, "the page gets its answer");
         let long = "x".repeat(TEXT + 1);
         let note = format!(r#"{{"id": 1, "request": {{"do": "note", "text": "{long}"}}}}"#);
         let (id, error) = parse(&note).unwrap_err();

@@ -21,6 +21,7 @@ use crate::session_state::{SessionState, SessionStep};
 use crate::state::PlayerState;
 
 use super::ilc_worker::find_references;
+use super::interrupted_writer::InterruptedWriter;
 use super::thread_link::{ChangeReport, Order, Progress, RequestSide};
 
 /// Longest time for the loop to take an order: it looks at each cycle.
@@ -83,6 +84,7 @@ pub(super) struct RequestHandler {
     pub(super) learnt: PathBuf,
     /// What can be continued after the whole computer has died.
     pub(super) interrupted: InterruptedFile,
+    pub(super) writer: InterruptedWriter,
     pub(super) link: RequestSide,
     pub(super) current: Option<Current>,
     /// Programs that the loop may still hold: the last one to let go frees the memory, and that
@@ -114,8 +116,8 @@ impl RequestHandler {
             }
             ExperimentRequest::Pulse { client, at_ns } => self.pulse(client, at_ns),
             ExperimentRequest::Interrupted => return self.interrupted_answer(),
-            ExperimentRequest::Continue { client } => {
-                self.interrupted().and_then(|(program, _)| self.begin(program, client))
+            ExperimentRequest::Continue { client, protocol, segment } => {
+                self.play_interrupted(client, protocol, segment)
             }
             ExperimentRequest::Renew { client } => self.renew(client),
             ExperimentRequest::Stop { client } => self.stop(client),
@@ -207,6 +209,16 @@ impl RequestHandler {
         let PlayerState { text, name, pulses, .. } = &interrupted.state;
         let program = self.check_from(text, name, pulses, Some(from))?;
         Ok((program, interrupted))
+    }
+
+    /// Plays the protocol that was interrupted, if it is the one that the client was told of.
+    fn play_interrupted(&mut self, client: u64, protocol: u64, segment: u32) -> Result<(), String> {
+        let (program, Interrupted { state, .. }) = self.interrupted()?;
+        if (state.protocol, state.segment) != (protocol, segment) {
+            let name = &state.name;
+            return Err(format!("{name} was interrupted since: ask again what is to be continued"));
+        }
+        self.begin(program, client)
     }
 
     fn interrupted_answer(&self) -> ExperimentAnswer {
@@ -404,7 +416,7 @@ impl RequestHandler {
         let sessions = current.sessions.clone();
         let begun = current.program.state(self.session, epoch, client);
         let state = PlayerState { segment, running, scan, sessions, ..begun };
-        let kept = keep(&self.interrupted, &current.program, change, &state);
+        keep(&self.writer, &current.program, change, &state);
         self.permission_lost = matches!(change, Change::Aborted(_, Reason::PermissionLost));
         self.trouble = match save(&self.file, &state) {
             Ok(()) => match change {
@@ -418,7 +430,7 @@ impl RequestHandler {
                 )
             }
         };
-        if let Err(reason) = kept {
+        while let Some(reason) = self.writer.failure() {
             let text = "it could not be kept for `farreach run --continue`: ";
             self.publish(EventKind::DataLost, Severity::Warning, &format!("{text}{reason}"));
         }
@@ -434,19 +446,12 @@ impl RequestHandler {
 }
 
 /// Keeps a protocol with sessions until it has run to its end.
-fn keep(
-    file: &InterruptedFile,
-    program: &Program,
-    change: Change,
-    state: &PlayerState,
-) -> Result<(), String> {
-    if !program.can_be_continued() {
-        return Ok(());
-    }
+fn keep(writer: &InterruptedWriter, program: &Program, change: Change, state: &PlayerState) {
     match change {
-        Change::Done => file.remove(),
+        _ if !program.can_be_continued() => {}
+        Change::Done => writer.remove(),
         // What ends a protocol early leaves it where it was.
-        _ => file.keep(&Interrupted::new(state.clone(), &ClockPair::measure())),
+        _ => writer.keep(Interrupted::new(state.clone(), &ClockPair::measure())),
     }
 }
 

@@ -9,6 +9,8 @@ const Setup = (() => {
     let build = null;
     // Rises with each change: an answer that comes after one is about something else.
     let changes = 0;
+    // Rises with each protocol that is chosen: the newest answer counts.
+    let asked = 0;
 
     function begin(protocols) {
         if (entries.length > 0) { return; }
@@ -24,8 +26,12 @@ const Setup = (() => {
         localStorage.setItem("farreach.protocol", protocol);
         stale();
         entries = [];
+        // Rows of another protocol, or of an earlier answer, are no values of this one.
+        element("entries").replaceChildren();
+        asked += 1;
+        const mine = asked;
         const answer = await Link.send({ do: "describe", protocol });
-        if (protocol !== element("protocol").value) { return; }
+        if (mine !== asked) { return; }
         element("description").textContent = answer.ok ? answer.data.description : answer.text;
         entries = answer.ok ? arranged(answer.data.entries) : [];
         element("entries").replaceChildren(...entries.map((entry) => row(entry, values || {})));
@@ -121,9 +127,9 @@ const Setup = (() => {
     // Builds what the entries say, or the protocol that was interrupted.
     async function send(what) {
         const { subject, files } = request();
-        const asked = what === "interrupted" ? { do: what, subject, files } : request();
+        const setup = what === "interrupted" ? { do: what, subject, files } : request();
         const before = changes;
-        const answer = await Link.send(asked);
+        const answer = await Link.send(setup);
         if (changes !== before) {
             return { ok: false, text: "a value was changed meanwhile; build again" };
         }
