@@ -70,7 +70,7 @@ impl Channel {
         if per_v == 0.0 {
             section.problem("per_v", "a number other than 0", 0, "see the amplifier's gain");
         }
-        let groups = &[Group::Agonist, Group::Antagonist].map(|group| (group.word(), group));
+        let groups = &Group::ALL.map(|group| (group.word(), group));
         let (muscle, group) =
             (section.text_or_none("muscle"), section.word_or_none("group", groups));
         if kind != ChannelKind::Emg {

@@ -128,18 +128,13 @@ impl Zeroing {
 struct Sync {
     /// `None` where the rig has no such output, or the card none at all.
     pulse: Option<SyncPulse>,
-    output: u32,
     orders: Subscriber<SyncOrder>,
 }
 
 impl Sync {
     fn new(rig: &RigFile, service: &Service, daq: &dyn Daq) -> Result<Self, PortError> {
         let output = rig.sync.filter(|sync| sync.output < daq.capabilities().digital_outputs);
-        Ok(Self {
-            pulse: output.map(SyncPulse::new),
-            output: output.map_or(0, |sync| sync.output),
-            orders: service.subscriber(SYNC_ORDER)?,
-        })
+        Ok(Self { pulse: output.map(SyncPulse::new), orders: service.subscriber(SYNC_ORDER)? })
     }
 
     /// Carries out the orders that have come, and sets the outputs.
@@ -153,7 +148,8 @@ impl Sync {
                 Ordered::Begins(after_ns) => (after_ns, Severity::Info, ""),
                 Ordered::TooLate(after_ns) => (after_ns, Severity::Warning, "too late: no pulse"),
             };
-            let values = [f64::from(order.number), after_ns as f64 * 1e-9, f64::from(self.output)];
+            let after_s = after_ns as f64 * 1e-9;
+            let values = [f64::from(order.number), after_s, f64::from(pulse.output())];
             service.event(EventKind::SyncPulse, severity, values, text)?;
         }
         if let Some(pulse) = &mut self.pulse {
@@ -163,11 +159,8 @@ impl Sync {
     }
 
     /// What the outputs are left with: no pulse, and 0 V.
-    fn end(&self, rig: &RigFile, daq: &mut dyn Daq) -> Result<(), DaqError> {
-        let idle = match (&self.pulse, rig.sync) {
-            (Some(_), Some(output)) => daq.write_digital(output.levels(false)),
-            _ => Ok(()),
-        };
+    fn end(&self, daq: &mut dyn Daq) -> Result<(), DaqError> {
+        let idle = self.pulse.map_or(Ok(()), |pulse| daq.write_digital(pulse.idle_levels()));
         daq.write([0.0; AXES])?;
         idle
     }
@@ -190,7 +183,7 @@ fn run_loop(
     let mut sync = Sync::new(rig, service, daq)?;
     let mut pulses = service.publisher(SCANNER)?;
     // Zeroes whatever a predecessor left in the DACs before anything else; no output gives a pulse.
-    sync.end(rig, daq)?;
+    sync.end(daq)?;
     let profile = service.enter_loop()?;
     let mut reported_finished = false;
     let mut cycles = || -> Result<(), AcquisitionError> {
@@ -253,7 +246,7 @@ fn run_loop(
     };
     // Whatever ended the loop: a card holds its last volts.
     let ended = cycles();
-    let zeroed = sync.end(rig, daq);
+    let zeroed = sync.end(daq);
     ended?;
     zeroed?;
     service.end()?;

@@ -40,6 +40,16 @@ impl SyncPulse {
         Ordered::Begins(after_ns)
     }
 
+    /// Which output it is.
+    pub const fn output(&self) -> u32 {
+        self.output.output
+    }
+
+    /// Levels of the card's digital outputs between two pulses, one bit each.
+    pub const fn idle_levels(&self) -> u32 {
+        self.output.levels(false)
+    }
+
     /// Levels of the card's digital outputs at `now_ns`, one bit each.
     pub fn levels(&mut self, now_ns: u64) -> u32 {
         self.until_ns = self.until_ns.filter(|until_ns| now_ns < *until_ns);

@@ -15,6 +15,9 @@ pub enum Group {
 }
 
 impl Group {
+    /// Both, agonists first.
+    pub const ALL: [Self; 2] = [Self::Agonist, Self::Antagonist];
+
     /// The word in files and tables.
     pub const fn word(self) -> &'static str {
         match self {

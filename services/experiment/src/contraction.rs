@@ -72,11 +72,11 @@ fn path_of(folder: &Path, name: &str) -> PathBuf {
     folder.join(format!("{name}.emg.json"))
 }
 
-/// Keeps the maxima that were measured, whole or not at all; returns the file.
+/// Keeps the maxima that were measured, whole or not at all.
 ///
 /// # Errors
 /// In words; where none was measured, too.
-pub fn save(folder: &Path, name: &str, rig: &RigFile, maxima: &Maxima) -> Result<PathBuf, String> {
+pub fn save(folder: &Path, name: &str, rig: &RigFile, maxima: &Maxima) -> Result<(), String> {
     let electrode = |channel: &Channel| {
         let maximum = maxima.get(channel.index).copied().filter(|maximum| *maximum > 0.0)?;
         let (channel, unit) = (channel.name.clone(), channel.unit.clone());
@@ -91,8 +91,7 @@ pub fn save(folder: &Path, name: &str, rig: &RigFile, maxima: &Maxima) -> Result
     let kept = Kept { about: ABOUT.to_owned(), electrodes };
     let text = serde_json::to_vec_pretty(&kept).map_err(|error| told(&error))?;
     fs::create_dir_all(folder).map_err(|error| told(&error))?;
-    files::replace(&path, text).map_err(|error| told(&error))?;
-    Ok(path)
+    files::replace(&path, text).map_err(|error| told(&error))
 }
 
 /// The maxima of that name, of every electrode whose muscle belongs to a group.

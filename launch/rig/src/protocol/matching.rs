@@ -9,6 +9,7 @@ use emg::Group;
 use ipc_types::Mode;
 
 use super::field::Field;
+use super::maxima::check_electrodes;
 use super::movement::{Centre, GuidedSine, Movement, Rest, Rhythm, WaitForScanner};
 use super::segment::Segment;
 use super::sines::{Envelope, Line};
@@ -212,13 +213,8 @@ impl Matching {
             let advice = "add [axes.torque] to the rig file";
             source.problem("matching.signal", expected, "none in the rig file", advice);
         }
-        for group in [Group::Agonist, Group::Antagonist] {
-            let name = group.word();
-            if self.signal == Signal::Emg && rig.muscle_unit(group).is_none() {
-                let expected = format!("electrodes over {name} muscles");
-                let advice = format!("add group = \"{name}\" to channels of kind emg");
-                source.problem("matching.signal", expected, "none in the rig file", advice);
-            }
+        for group in Group::ALL.into_iter().filter(|_| self.signal == Signal::Emg) {
+            check_electrodes(group, "matching.signal", rig, source);
         }
         let centre = corner(axis) + self.centre;
         let (least, most) = (centre - self.amplitude, centre + self.amplitude);

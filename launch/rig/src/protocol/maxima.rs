@@ -29,17 +29,12 @@ impl MuscleMaxima {
     /// Checks that the rig has the electrodes; reports the first problem.
     pub(super) fn check(&self, segments: &[Segment], rig: &RigFile, source: &Source<'_>) {
         let contracts = |group| segments.iter().any(|segment| segment.contraction == Some(group));
-        let groups = [Group::Agonist, Group::Antagonist];
-        for group in groups.into_iter().filter(|group| contracts(*group)) {
-            if rig.muscle_unit(group).is_none() {
-                let name = group.word();
-                let expected = format!("electrodes over {name} muscles");
-                let advice = format!("add group = \"{name}\" to channels of kind emg");
-                source.problem("segments", expected, "none in the rig file", advice);
+        for group in Group::ALL.into_iter().filter(|group| contracts(*group)) {
+            if !check_electrodes(group, "segments", rig, source) {
                 return;
             }
         }
-        if self.save.is_some() && !groups.into_iter().any(contracts) {
+        if self.save.is_some() && !Group::ALL.into_iter().any(contracts) {
             let (expected, found) = ("segments with `contraction`", "none");
             source.problem("emg.save", expected, found, "say which segments measure a maximum");
         }
@@ -48,4 +43,21 @@ impl MuscleMaxima {
             source.problem("emg.load", expected, found, "add group to channels of kind emg");
         }
     }
+}
+
+/// Checks that the rig has electrodes over a group of muscles; reports a problem with the key where
+/// it has none, and returns false.
+pub(super) fn check_electrodes(
+    group: Group,
+    key: &str,
+    rig: &RigFile,
+    source: &Source<'_>,
+) -> bool {
+    if rig.muscle_unit(group).is_some() {
+        return true;
+    }
+    let name = group.word();
+    let expected = format!("electrodes over {name} muscles");
+    let advice = format!("add group = \"{name}\" to channels of kind emg");
+    source.problem(key, expected, "none in the rig file", advice)
 }

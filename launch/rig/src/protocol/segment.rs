@@ -52,12 +52,11 @@ const KEYS: Keys = &[
     ("sound", "A tone that the subject's page makes at its beginning."),
 ];
 
-const SOUNDS: &[(&str, Sound)] =
-    &[("high", Sound::High), ("middle", Sound::Middle), ("low", Sound::Low)];
+const SOUNDS: [Sound; 3] = [Sound::High, Sound::Middle, Sound::Low];
 
 /// A contraction that is measured, which a session alone can be.
 fn read_contraction(section: &Section<'_>) -> Option<Group> {
-    let groups = &[Group::Agonist, Group::Antagonist].map(|group| (group.word(), group));
+    let groups = &Group::ALL.map(|group| (group.word(), group));
     let group = section.word_or_none("contraction", groups)?;
     if !section.flag_or("session", false) {
         let (expected, advice) = ("session = true beside it", "add it, or take contraction out");
@@ -96,7 +95,7 @@ impl Segment {
             session: section.flag_or("session", false),
             contraction: read_contraction(&section),
             instruction: read_instruction(&section),
-            sound: section.word_or_none("sound", SOUNDS),
+            sound: section.word_or_none("sound", &SOUNDS.map(|sound| (sound.text(), sound))),
             section: format!("segments.{index}"),
         }
     }

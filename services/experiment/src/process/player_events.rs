@@ -55,6 +55,7 @@ pub(super) fn publish_change(
     service: &mut Service,
 ) -> Result<(), PortError> {
     let name = program.map_or("", Program::name);
+    let duration_s = program.map_or(0.0, Program::duration_s);
     let label = |segment: u32| program.map_or("", |program| program.label(segment as usize));
     let mut send = |kind, segment: u32, text: &str, b: f64| {
         let event = Event::new(Process::Experiment, kind, Severity::Info, text);
@@ -62,13 +63,12 @@ pub(super) fn publish_change(
     };
     let begun = match change {
         Change::Started => {
-            send(EventKind::ProtocolStarted, 0, name, program.map_or(0.0, Program::duration_s))?;
+            send(EventKind::ProtocolStarted, 0, name, duration_s)?;
             send(EventKind::SegmentStarted, 0, label(0), 0.0)?;
             0
         }
         Change::Continued(segment) => {
-            let left_s = program.map_or(0.0, Program::duration_s);
-            send(EventKind::ProtocolStarted, segment, name, left_s)?;
+            send(EventKind::ProtocolStarted, segment, name, duration_s)?;
             send(EventKind::ProtocolResumed, segment, label(segment), 0.0)?;
             segment
         }

@@ -200,20 +200,24 @@ impl RequestHandler {
         self.check_from(text, name, pulses, None)
     }
 
-    /// The protocol that was interrupted, checked as [`Self::check`] does, to begin there.
-    fn interrupted(&self) -> Result<(Program, Interrupted), String> {
-        let Some(interrupted) = self.interrupted.read()? else {
-            return Err("no protocol with sessions was interrupted".to_owned());
-        };
+    /// A protocol that was interrupted, checked as [`Self::check`] does, to begin there.
+    fn check_interrupted(&self, interrupted: &Interrupted) -> Result<Program, String> {
         let from = interrupted.continuation(&ClockPair::measure());
         let PlayerState { text, name, pulses, .. } = &interrupted.state;
-        let program = self.check_from(text, name, pulses, Some(from))?;
-        Ok((program, interrupted))
+        self.check_from(text, name, pulses, Some(from))
+    }
+
+    /// The protocol that was interrupted.
+    fn read_interrupted(&self) -> Result<Interrupted, String> {
+        let none = || "no protocol with sessions was interrupted".to_owned();
+        self.interrupted.read()?.ok_or_else(none)
     }
 
     /// Plays the protocol that was interrupted, if it is the one that the client was told of.
     fn play_interrupted(&mut self, client: u64, protocol: u64, segment: u32) -> Result<(), String> {
-        let (program, Interrupted { state, .. }) = self.interrupted()?;
+        let interrupted = self.read_interrupted()?;
+        let program = self.check_interrupted(&interrupted)?;
+        let state = &interrupted.state;
         if (state.protocol, state.segment) != (protocol, segment) {
             let name = &state.name;
             return Err(format!("{name} was interrupted since: ask again what is to be continued"));
@@ -222,15 +226,21 @@ impl RequestHandler {
     }
 
     fn interrupted_answer(&self) -> ExperimentAnswer {
-        let read = self.interrupted.read().ok().flatten();
-        let interrupted = read.map(|Interrupted { state, .. }| InterruptedRun {
-            name: state.name,
-            protocol: state.text,
-            segment: state.segment,
-            sessions_over: state.sessions.over,
-            pulses: state.pulses,
-        });
-        let error = self.interrupted().err().unwrap_or_default();
+        let (interrupted, error) = match self.read_interrupted() {
+            Ok(interrupted) => {
+                let error = self.check_interrupted(&interrupted).err().unwrap_or_default();
+                let state = interrupted.state;
+                let run = InterruptedRun {
+                    name: state.name,
+                    protocol: state.text,
+                    segment: state.segment,
+                    sessions_over: state.sessions.over,
+                    pulses: state.pulses,
+                };
+                (Some(run), error)
+            }
+            Err(error) => (None, error),
+        };
         ExperimentAnswer { interrupted, error: cut(error), ..self.status() }
     }
 
@@ -473,7 +483,7 @@ fn save_maxima(current: &Current, folder: &Path, rig: &RigFile) -> Option<Event>
     let maxima = &current.sessions.maxima;
     let count = maxima.iter().filter(|maximum| **maximum > 0.0).count();
     let (severity, text) = match contraction::save(folder, name, rig, maxima) {
-        Ok(_) => (Severity::Info, name.to_owned()),
+        Ok(()) => (Severity::Info, name.to_owned()),
         Err(reason) => (Severity::Error, reason),
     };
     let event = Event::new(Process::Experiment, EventKind::MaximaSaved, severity, &text);
