@@ -245,10 +245,11 @@ fn an_operator_runs_a_force_matching_experiment_in_a_browser() {
             }
         }
         // The file of the whole session, and that of the one that was stopped.
-        operator.wait(LONG, &written_has(&format!("{files}2.mat"))).await;
+        let both = [format!("{files}1.mat"), format!("{files}2_stopped.mat")];
+        operator.wait(LONG, &written_has(&both[1])).await;
         operator.picture("operator-stopped").await;
-        for number in 1..=2 {
-            let path = rig.path(&format!("{files}{number}.mat"));
+        for file in both {
+            let path = rig.path(&file);
             assert!(is_matlab(&path), "{path:?}: {}", operator.text("#written").await);
         }
         operator.wait(SHORT, "document.querySelectorAll('#sessions tbody tr').length >= 2").await;

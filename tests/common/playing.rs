@@ -41,11 +41,7 @@ pub fn play_with_kills(rig: &TestRig, arguments: &[&str], segments: &[u32]) -> V
         for segment in segments {
             let reached = || is_in(&mut run, rig, *segment);
             assert!(wait_for(Duration::from_secs(90), reached), "never in segment {segment}");
-            if let Some(process) =
-                rig.launcher_status().unit("experiment").and_then(|unit| unit.process)
-            {
-                kill(process.pid, Signal::KILL);
-            }
+            kill_experiment(rig);
         }
         let output: Output = run.wait_with_output().unwrap();
         last = told(&output);
@@ -56,6 +52,13 @@ pub fn play_with_kills(rig: &TestRig, arguments: &[&str], segments: &[u32]) -> V
         assert!(last.contains("tripped"), "{last}");
     }
     panic!("never played to its end: {last}");
+}
+
+/// Kills the experiment process, where it runs.
+pub fn kill_experiment(rig: &TestRig) {
+    if let Some(process) = rig.launcher_status().unit("experiment").and_then(|unit| unit.process) {
+        kill(process.pid, Signal::KILL);
+    }
 }
 
 /// Removes what an attempt that tripped has written: a file that is there is never overwritten.

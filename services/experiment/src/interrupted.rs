@@ -13,7 +13,7 @@ use crate::scan_tracker::ScanState;
 use crate::session_state::SessionState;
 use crate::state::PlayerState;
 
-const FORMAT: Format = Format { what: "interrupted protocol", mark: *b"FRPI", version: 1 };
+const FORMAT: Format = Format { what: "interrupted protocol", mark: *b"FRPI", version: 2 };
 /// Where the two clocks differ by less from before, the computer has not been started since (ns).
 const SAME_START_NS: u64 = 1_000_000_000;
 
@@ -138,6 +138,7 @@ mod tests {
             client: 11,
             pulses: PulseSource::Key,
             scan: ScanState::default(),
+            keys: vec![3, 5],
             sessions: SessionState { over: 2, target: [0.25, 0.5], ..SessionState::default() },
         };
         let clocks = ClockPair {

@@ -221,7 +221,7 @@ impl Player {
     pub fn start(&mut self, program: Arc<Program>, epoch: u64) {
         self.supervision = Supervision::new(epoch, false);
         self.scan.clear();
-        let first = program.continues().map_or(0, |from| from.segment);
+        let first = program.first_segment();
         let change = program.continues().map_or(Change::Started, |_| Change::Continued(first));
         self.enter(program, first as usize, change);
     }

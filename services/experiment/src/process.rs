@@ -1,5 +1,6 @@
 //! The process: samples in, setpoints out, on the grid.
 
+mod current_protocol;
 mod ilc_worker;
 mod interrupted_writer;
 mod player_events;
@@ -15,8 +16,8 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use ipc_types::{
-    AXES, EnableToken, Event, EventKind, GateState, HOME_ORDER, Heartbeat, HomeOrder, Process,
-    Profile, SAMPLE, SETPOINT, Sample, Setpoint, Severity, TOKEN, WatchdogState, Zeros,
+    AXES, EnableToken, EventKind, GateState, HOME_ORDER, Heartbeat, HomeOrder, Process, Profile,
+    SAMPLE, SETPOINT, Sample, Setpoint, Severity, TOKEN, WatchdogState, Zeros,
 };
 use rig::RigFile;
 use rig::protocol::Protocol;
@@ -31,10 +32,11 @@ use crate::interrupted::InterruptedFile;
 use crate::player::{LEASE_NS, Permission, Player, Program};
 use crate::state::PlayerState;
 
+use current_protocol::Current;
 use ilc_worker::IlcWorker;
 use interrupted_writer::InterruptedWriter;
 use player_events::{publish_change, publish_notice};
-use request_handler::{Current, RequestHandler};
+use request_handler::RequestHandler;
 use scan_reports::ScanPorts;
 use session_reports::SessionPorts;
 use thread_link::{ChangeReport, LoopSide, Order};
@@ -120,7 +122,9 @@ impl Runner {
         let mut sessions = SessionPorts::open(&mut service, rig)?;
         if let Some(current) = &current {
             sessions.resume(&player, current.order, &current.sessions);
-            warn_of_lost_session(current, &player, &mut service)?;
+            if let Some(event) = current.lost_session(player.status().segment) {
+                service.publish(event)?;
+            }
         }
         let (link, request_side) = thread_link::pair();
         let fifo = service.domain().fifo();
@@ -135,6 +139,7 @@ impl Runner {
         // Before the request thread starts, so that its first answer knows the restored protocol.
         link.progress.update(0, &player.status(), 0, false, 0);
         let interrupted = InterruptedFile::new(&learnt, service.domain().name().as_str());
+        let keys = current.as_ref().map_or_else(Vec::new, |current| current.keys.clone());
         let handler = RequestHandler {
             rig: rig.clone(),
             session,
@@ -155,7 +160,7 @@ impl Runner {
             token: None,
             setpoints: service.publisher(SETPOINT)?,
             home_orders: service.publisher(HOME_ORDER)?,
-            scan: ScanPorts::open(&mut service)?,
+            scan: ScanPorts::open(&mut service, keys)?,
             sessions,
             heartbeats: service.heartbeat_publisher()?,
             requests: handler.serve(service.domain().name())?,
@@ -350,25 +355,6 @@ fn handles(sample: Option<&Sample>) -> [f64; AXES] {
     std::array::from_fn(|axis| seen(axis).map_or(f64::NAN, |sample| sample.slave_position[axis]))
 }
 
-/// A session whose mean the process before had no time to save before it died.
-fn warn_of_lost_session(
-    current: &Current,
-    player: &Player,
-    service: &mut Service,
-) -> Result<(), PortError> {
-    let segment = player.status().segment;
-    let (over, expected) =
-        (current.sessions.over, current.program.sessions_before(segment as usize));
-    if over >= expected {
-        return Ok(());
-    }
-    let text = format!(
-        "the mean of session {expected} was not saved: the target stays that of session {over}"
-    );
-    let event = Event::new(Process::Experiment, EventKind::SessionOver, Severity::Warning, &text);
-    service.publish(Event { a: f64::from(expected), segment, ..event })
-}
-
 /// Sets the player to what was being played in this session; `None` where nothing was. A file that
 /// cannot be used is moved aside, so that it is told of once.
 fn restore(
@@ -393,9 +379,8 @@ fn restore(
         let program = program.with_pulses(&state.pulses)?.with_maxima(learnt, rig)?;
         let program = Arc::new(program);
         player.resume(&state, Arc::clone(&program)).map_err(|error| error.to_string())?;
-        let PlayerState { client, sessions, .. } = state;
-        let (newest, maxima_saved) = (None, false);
-        Ok(Some(Current { order: 0, client, program, sessions, newest, maxima_saved }))
+        let PlayerState { client, sessions, keys, .. } = state;
+        Ok(Some(Current { client, sessions, keys, ..Current::new(0, client, program) }))
     });
     if result.is_err() {
         // Nothing better can be done where even that fails: it is then told at each start.

@@ -88,6 +88,11 @@ pub struct ScanState {
 }
 
 impl ScanState {
+    /// The newest pulse that was taken (ns, CLOCK_MONOTONIC); 0 before the first.
+    pub const fn newest_ns(&self) -> u64 {
+        self.newest_ns
+    }
+
     /// The same where all times are later by this (ns): by the clock of another start of the
     /// computer. A wait begins anew, as does the plan.
     pub(crate) fn shifted(self, by_ns: i64) -> Self {

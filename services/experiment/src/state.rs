@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use crate::scan_tracker::ScanState;
 use crate::session_state::SessionState;
 
-const FORMAT: Format = Format { what: "state of the experiment", mark: *b"FRPS", version: 5 };
+const FORMAT: Format = Format { what: "state of the experiment", mark: *b"FRPS", version: 6 };
 
 /// Progress of a protocol: its text, and the segment being played.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -32,6 +32,9 @@ pub struct PlayerState {
     pub pulses: PulseSource,
     /// The scanner, as far as it was followed at the segment's beginning.
     pub scan: ScanState,
+    /// When the key 5 was pressed as the scanner's pulse since then (ns, CLOCK_MONOTONIC), the
+    /// newest.
+    pub keys: Vec<u64>,
     /// The sessions so far.
     pub sessions: SessionState,
 }

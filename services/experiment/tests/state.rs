@@ -7,6 +7,9 @@ use experiment::state::{PlayerState, StateError};
 use files::FormatError;
 use proptest::prelude::*;
 
+/// Version of the format.
+const VERSION: u8 = 6;
+
 fn state(segment: u32, text: &str) -> PlayerState {
     PlayerState {
         session: 7,
@@ -18,6 +21,7 @@ fn state(segment: u32, text: &str) -> PlayerState {
         epoch: 9,
         client: 11,
         pulses: "2,jitter=0.001,missing=3".parse().unwrap(),
+        keys: vec![7, 9],
         scan: ScanState::default(),
         sessions: SessionState::default(),
     }
@@ -62,7 +66,7 @@ fn says_what_is_wrong() {
     bytes[4] = 9;
     let error = PlayerState::decode(&bytes).unwrap_err();
     assert!(matches!(error, StateError(FormatError::Version { found: 9, .. })), "{error}");
-    bytes[4] -= 4;
+    bytes[4] = VERSION;
     *bytes.last_mut().unwrap() ^= 1;
     let error = PlayerState::decode(&bytes).unwrap_err().to_string();
     assert!(error.starts_with("state of the experiment is damaged: expected checksum "), "{error}");
@@ -71,7 +75,7 @@ fn says_what_is_wrong() {
 /// A protocol that another version of farreach was playing is not resumed.
 #[test]
 fn a_state_of_another_version_is_refused() {
-    for version in [1, 4, 6] {
+    for version in [1, VERSION - 1, VERSION + 1] {
         let mut bytes = state(3, "ab").encode().unwrap();
         bytes[4] = version;
         let error = PlayerState::decode(&bytes).unwrap_err();

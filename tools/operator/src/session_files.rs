@@ -1,5 +1,6 @@
 //! MATLAB files that are written while the protocol goes on: one at the end of each session.
 
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Sender, channel};
 use std::thread::JoinHandle;
@@ -42,7 +43,7 @@ pub struct SessionFiles {
 impl SessionFiles {
     /// Checks, before anything moves, that files `NAME1.mat` to `NAMEn.mat` can be written for a
     /// protocol, from the recording in progress; of one that is continued, those of the sessions
-    /// that remain.
+    /// that remain. The file of a session that is stopped will have a name of its own.
     ///
     /// # Errors
     /// Where the protocol has no sessions, nothing is recorded, or one of the files is there.
@@ -77,11 +78,13 @@ impl SessionFiles {
     }
 
     /// Goes on with the files of a protocol that another client began, which has ended since: those
-    /// that are there already are its own.
-    pub fn resume(recording: &Path, sessions: u32, name: &Path, since_ns: u64) -> Self {
+    /// that are there already are its own. `sessions`: from those that were over before it began
+    /// to all of the protocol.
+    pub fn resume(recording: &Path, sessions: Range<u32>, name: &Path, since_ns: u64) -> Self {
         let written = |number: &u32| recorder::session_path(name, *number).exists();
-        let over = (1..=sessions).take_while(written).count() as u32;
-        Self::begin(recording.to_owned(), name, sessions, over, since_ns)
+        let Range { start, end } = sessions;
+        let over = start + (start + 1..=end).take_while(written).count() as u32;
+        Self::begin(recording.to_owned(), name, end, over, since_ns)
     }
 
     fn begin(recording: PathBuf, name: &Path, sessions: u32, over: u32, since_ns: u64) -> Self {
@@ -97,9 +100,10 @@ impl SessionFiles {
         Self { recording, sessions, over, since_ns, begun: true, sender, thread }
     }
 
-    /// The files of the sessions that are over, of a protocol that was resumed.
-    pub fn earlier(&self, name: &Path) -> Vec<PathBuf> {
-        (1..=self.over).map(|number| recorder::session_path(name, number)).collect()
+    /// The files of the sessions that are over, of a protocol that was resumed, without those
+    /// that were over before it began.
+    pub fn earlier(&self, over_before: u32, name: &Path) -> impl Iterator<Item = PathBuf> {
+        (over_before + 1..=self.over).map(|number| recorder::session_path(name, number))
     }
 
     /// The recording that the files are made from.
@@ -178,5 +182,28 @@ fn write(
             );
         }
         std::thread::sleep(POLL_PERIOD);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+
+    use super::*;
+
+    /// Sessions that were over before a continued protocol began have their files elsewhere, or
+    /// none.
+    #[test]
+    fn a_resumed_protocol_goes_on_after_the_files_that_are_its_own() {
+        let folder = tempfile::tempdir().unwrap();
+        let name = folder.path().join("S_");
+        let resumed = |sessions| SessionFiles::resume(Path::new("run.mcap"), sessions, &name, 7);
+        let continued = resumed(2..4);
+        assert_eq!((continued.over, continued.earlier(2, &name).count()), (2, 0));
+        assert_eq!(resumed(0..4).over, 0);
+        let third = folder.path().join("S_3.mat");
+        std::fs::write(&third, "").unwrap();
+        let continued = resumed(2..4);
+        assert_eq!(continued.earlier(2, &name).collect::<Vec<_>>(), [third]);
     }
 }

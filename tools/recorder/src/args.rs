@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::{Args, Subcommand, ValueEnum};
 
 use crate::bids::FirstRun;
+use crate::volumes::PulseInput;
 
 /// Recordings on and off, and what to do with the files.
 #[derive(Clone, Debug, Subcommand)]
@@ -107,6 +108,9 @@ pub enum Command {
         /// protocol counted volumes.
         #[arg(long, value_name = "TR")]
         repetition: Option<f64>,
+        /// Which pulses, with --repetition, where both the trigger line and the key 5 gave some.
+        #[arg(long, value_enum, requires = "repetition")]
+        pulses: Option<PulseInput>,
         /// Number of volumes expected, with --repetition.
         #[arg(long, value_name = "N", requires = "repetition",
             value_parser = clap::value_parser!(u64).range(1..))]
@@ -220,8 +224,8 @@ pub enum ExportFormat {
     /// Comma-separated values with a header.
     Csv,
     /// MATLAB, version 5: a file for each session, `OUT1.mat`, `OUT2.mat`, … (`OUT1_1.mat`, … of
-    /// a recording with several runs); `OUT.mat` for a recording without sessions. All signals
-    /// with names and units, events, the subject's bar.
+    /// a recording with several runs; `OUT2_stopped.mat` for one that was stopped); `OUT.mat` for
+    /// a recording without sessions. All signals with names and units, events, the subject's bar.
     Mat,
     /// Part of a dataset by the Brain Imaging Data Structure: of each run of a protocol the events,
     /// torque and other inputs, bar, positions, and EMG as BDF+.

@@ -114,8 +114,9 @@ pub fn run_to(command: &Command, output: &mut dyn Write) -> anyhow::Result<i32> 
         Command::Merge { files, force, out: to, json } => {
             edit::merge(files, *force, to, *json, out)
         }
-        Command::Volumes { file, repetition, volumes, out: table, figure, json } => {
-            let series = repetition.map(|repetition_s| Series::new(repetition_s, *volumes));
+        Command::Volumes { file, repetition, pulses, volumes, out: table, figure, json } => {
+            let series = |repetition_s| (Series::new(repetition_s, *volumes), *pulses);
+            let series = repetition.map(series);
             let files = volumes::Files { table: table.as_deref(), figure: figure.as_deref() };
             volumes::volumes(file, series, &files, *json, out)
         }

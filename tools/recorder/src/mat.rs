@@ -24,6 +24,9 @@ use crate::recorded_events::recorded_events;
 use crate::samples::Samples;
 use crate::signals::Signal;
 
+/// Files of a session that was stopped again and again are numbered up to here.
+const LAST_NUMBER: u32 = 99;
+
 /// A stretch of a recording.
 struct Stretch<'a> {
     begun_ns: u64,
@@ -32,8 +35,8 @@ struct Stretch<'a> {
 }
 
 /// Writes `NAME1.mat`, `NAME2.mat`, … for the sessions of a recording, `NAME1_1.mat`, … where it
-/// has several runs, or `NAME.mat` where it has none; nothing where one of the files is there
-/// already.
+/// has several runs, `NAME2_stopped.mat` for one that was stopped, or `NAME.mat` where it has
+/// none; nothing where one of the files is there already.
 pub(crate) fn export(file: &Path, name: &Path, out: &mut dyn Write) -> anyhow::Result<i32> {
     let recording = Recording::open(file)?;
     let sessions = ended_sessions(&recording)?;
@@ -43,12 +46,12 @@ pub(crate) fn export(file: &Path, name: &Path, out: &mut dyn Write) -> anyhow::R
         .into_iter()
         .map(|session| {
             let run = several.then_some(session.run);
-            (path_of(name, run, Some(session.number())), Stretch::of(session))
+            (path_of(name, run, Some(session.number()), &unfinished(session)), Stretch::of(session))
         })
         .collect();
     if stretches.is_empty() {
         let whole = Stretch { begun_ns: 0, ended_ns: u64::MAX, session: None };
-        stretches.push((path_of(name, None, None), whole));
+        stretches.push((path_of(name, None, None, ""), whole));
     }
     let paths: Vec<&Path> = stretches.iter().map(|(path, _)| path.as_path()).collect();
     none_exists(&paths)?;
@@ -119,18 +122,41 @@ pub fn write_session(
     if !data.beyond {
         return Ok(None);
     }
-    let path = session_path(name, wanted.number);
+    let path = free_path(name, session);
     write(&recording, &stretch, data, &path)?;
     Ok(Some(path))
 }
 
 /// The file of a session: `NAME` with its number and `.mat`.
 pub fn session_path(name: &Path, number: u32) -> PathBuf {
-    path_of(name, None, Some(number))
+    path_of(name, None, Some(number), "")
 }
 
-/// `NAME` or `NAME.mat` with the numbers of run and session before the extension.
-fn path_of(name: &Path, run: Option<usize>, number: Option<u32>) -> PathBuf {
+/// What the name of a session's file says of one that did not run to its end, so that the file of
+/// the whole session can stand beside it.
+fn unfinished(session: &EndedSession) -> String {
+    if session.is(SessionOutcome::Whole) {
+        String::new()
+    } else {
+        format!("_{}", session.outcome())
+    }
+}
+
+/// The path of a session's file; of one that was stopped and may be stopped again, one that is
+/// free.
+fn free_path(name: &Path, session: &EndedSession) -> PathBuf {
+    let (number, ended) = (Some(session.number()), unfinished(session));
+    let path = path_of(name, None, number, &ended);
+    if ended.is_empty() {
+        return path;
+    }
+    let others = (2..=LAST_NUMBER).map(|at| path_of(name, None, number, &format!("{ended}{at}")));
+    std::iter::once(path.clone()).chain(others).find(|path| !path.exists()).unwrap_or(path)
+}
+
+/// `NAME` or `NAME.mat` with the numbers of run and session, and how it ended, before the
+/// extension.
+fn path_of(name: &Path, run: Option<usize>, number: Option<u32>, ended: &str) -> PathBuf {
     let mut text = name.as_os_str().to_owned();
     if name.extension().is_some_and(|extension| extension == "mat") {
         text = name.with_extension("").into_os_string();
@@ -141,6 +167,7 @@ fn path_of(name: &Path, run: Option<usize>, number: Option<u32>) -> PathBuf {
     if let Some(number) = number {
         text.push(number.to_string());
     }
+    text.push(ended);
     text.push(".mat");
     text.into()
 }

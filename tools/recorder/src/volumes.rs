@@ -54,18 +54,18 @@ struct Row {
 
 pub(crate) fn volumes(
     file: &Path,
-    series: Option<Series>,
+    anew: Option<(Series, Option<PulseInput>)>,
     files: &Files<'_>,
     json: bool,
     out: &mut dyn Write,
 ) -> anyhow::Result<i32> {
     let recording = Recording::open(file)?;
     let (shortest, longest) = REPETITION_S;
-    let scans = match series {
-        Some(series) if (shortest..=longest).contains(&series.repetition_s) => {
-            numbered_anew(&recording, series)?
+    let scans = match anew {
+        Some((series, input)) if (shortest..=longest).contains(&series.repetition_s) => {
+            numbered_anew(&recording, series, input)?
         }
-        Some(series) => bail!(
+        Some((series, _)) => bail!(
             "--repetition: expected a time from {shortest} to {longest} s, found {}; it is the \
              scanner's TR",
             series.repetition_s
@@ -73,7 +73,8 @@ pub(crate) fn volumes(
         None => counted(&recording)?,
     };
     if scans.is_empty() {
-        let pulses = pulses(&recording)?.len();
+        let [line, keys] = PulseInput::ALL.map(|input| pulses(&recording, input));
+        let pulses = line?.len() + keys?.len();
         bail!(
             "{}: no protocol counted volumes, and {pulses} pulses of the scanner were recorded; \
              number them with `--repetition TR`",
@@ -100,16 +101,30 @@ pub(crate) fn volumes(
     Ok(code)
 }
 
-/// The pulses of the trigger line and of the key 5, in the order of their times; none where the
-/// topics are missing.
-fn pulses(recording: &Recording) -> anyhow::Result<Vec<u64>> {
+/// Where recorded pulses came in.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub enum PulseInput {
+    /// The trigger line.
+    Line,
+    /// The key 5.
+    Key,
+}
+
+impl PulseInput {
+    const ALL: [Self; 2] = [Self::Line, Self::Key];
+}
+
+/// The pulses of an input, in the order of their times; none where the topic is missing.
+fn pulses(recording: &Recording, input: PulseInput) -> anyhow::Result<Vec<u64>> {
+    let topic = match input {
+        PulseInput::Line => &SCANNER.topic,
+        PulseInput::Key => &SCANNER_KEY.topic,
+    };
     let mut times = Vec::new();
-    for topic in [&SCANNER.topic, &SCANNER_KEY.topic] {
-        for message in recording.messages_if_any::<ScannerPulse>(topic.name)? {
-            let pulse = message?.message;
-            if pulse.kind == LineEvent::Pulse.code() {
-                times.push(pulse.at_ns);
-            }
+    for message in recording.messages_if_any::<ScannerPulse>(topic.name)? {
+        let pulse = message?.message;
+        if pulse.kind == LineEvent::Pulse.code() {
+            times.push(pulse.at_ns);
         }
     }
     times.sort_unstable();
@@ -117,9 +132,27 @@ fn pulses(recording: &Recording) -> anyhow::Result<Vec<u64>> {
     Ok(times)
 }
 
-/// Numbers the pulses of the trigger line, or of the key 5.
-fn numbered_anew(recording: &Recording, series: Series) -> anyhow::Result<Vec<Scan>> {
-    let found = reconcile(pulses(recording)?, series);
+/// Numbers the pulses of an input; of the only one that has some where none is named.
+fn numbered_anew(
+    recording: &Recording,
+    series: Series,
+    input: Option<PulseInput>,
+) -> anyhow::Result<Vec<Scan>> {
+    let times = match input {
+        Some(input) => pulses(recording, input)?,
+        None => match [pulses(recording, PulseInput::Line)?, pulses(recording, PulseInput::Key)?] {
+            [line, keys] if line.is_empty() => keys,
+            [line, keys] if keys.is_empty() => line,
+            [line, keys] => bail!(
+                "{}: {} pulses of the trigger line and {} keys were recorded: choose with \
+                 `--pulses line` or `--pulses key`",
+                recording.path().display(),
+                line.len(),
+                keys.len()
+            ),
+        },
+    };
+    let found = reconcile(times, series);
     if found.volumes.is_empty() {
         return Ok(Vec::new());
     }

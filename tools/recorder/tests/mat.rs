@@ -48,6 +48,11 @@ fn sample(tick: u64) -> Sample {
 
 /// 3 s at 2 kHz, with sessions of these numbers and of a second each, from 1 s and from 2 s on.
 fn write(path: &Path, numbers: &[u32]) {
+    write_ended(path, numbers, SessionOutcome::Whole);
+}
+
+/// The same with sessions that ended so.
+fn write_ended(path: &Path, numbers: &[u32], outcome: SessionOutcome) {
     let rig = RIG.replacen("per_v = 1.0 ", "per_v = 2.0 ", 1);
     let start = Start { realtime_offset_ns: 1_700_000_000_000_000_000, ..Start::default() }
         .with(key::RIG, "hydrostatic")
@@ -94,7 +99,7 @@ fn write(path: &Path, numbers: &[u32]) {
             bars: 1,
             value: [0.25, 0.0],
             target: [0.2, 0.0],
-            outcome: SessionOutcome::Whole.code(),
+            outcome: outcome.code(),
             ..SessionResult::default()
         };
         result.stamp(11, 44, u64::from(segment), result.ended_ns);
@@ -232,6 +237,23 @@ fn one_session_at_a_time_as_soon_as_it_is_there() {
     let written = recorder::write_session(&run, wanted(1, 0), &name).unwrap();
     assert_eq!(written, Some(folder.path("live1.mat")));
     assert!(recorder::write_session(&run, wanted(1, 0), &name).is_err(), "never overwritten");
+}
+
+/// The whole session, once it has been played again, can stand beside it.
+#[test]
+fn a_session_that_was_stopped_has_a_file_of_its_own_name() {
+    let folder = Folder::new();
+    write_ended(&folder.path("run.mcap"), &[1, 2], SessionOutcome::Stopped);
+    let (run, name) = (folder.path("run.mcap"), folder.path("live"));
+    let wanted = |whole| WantedSession { number: 1, since_ns: 0, whole };
+    assert_eq!(recorder::write_session(&run, wanted(true), &name).unwrap(), None);
+    for file in ["live1_stopped.mat", "live1_stopped2.mat"] {
+        let written = recorder::write_session(&run, wanted(false), &name).unwrap();
+        assert_eq!(written, Some(folder.path(file)));
+    }
+    let exported = folder.text("all");
+    rec(&["export", &folder.text("run.mcap"), "--to", "mat", "-o", &exported]);
+    assert!(folder.path("all2_stopped.mat").exists() && !folder.path("all2.mat").exists());
 }
 
 /// The artefact of a scanner, 0.25 s after each volume's beginning: 200 Hz, ten times the muscle's.

@@ -23,6 +23,8 @@ pub(crate) struct Shared {
     pub(crate) desk: Mutex<Desk>,
     pub(crate) access: Mutex<Access>,
     pub(crate) board: Board,
+    /// Subject's pages that are open.
+    pub(crate) subject_pages: AtomicU64,
     /// Events to publish.
     events: SyncSender<Event>,
     /// Events that found no room, messages that pages missed, and messages that were refused.
@@ -35,6 +37,7 @@ impl Shared {
             desk: Mutex::default(),
             access: Mutex::new(Access::new(token)),
             board: Board::new(),
+            subject_pages: AtomicU64::new(0),
             events,
             lost: AtomicU64::new(0),
         }

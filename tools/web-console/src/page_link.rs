@@ -107,6 +107,8 @@ pub(crate) async fn serve(socket: WebSocket, kind: Kind, from: String, pages: Pa
     let values = [number as f64, 0.0, 0.0];
     let text = format!("{} page from {from}", kind.text());
     shared.event(EventKind::PageOpened, Severity::Info, values, &text);
+    let subject_pages = u64::from(kind == Kind::Subject);
+    shared.subject_pages.fetch_add(subject_pages, Ordering::Relaxed);
     let (answers, mut answered) = mpsc::channel(WAITING);
     let asked_ms = Arc::new(AtomicU64::new(0));
     let mut page = Page {
@@ -136,6 +138,7 @@ pub(crate) async fn serve(socket: WebSocket, kind: Kind, from: String, pages: Pa
         let close = Message::Close(Some(CloseFrame { code: close_code::POLICY, reason }));
         let _sent = timeout(SEND_LIMIT, writing.send(close)).await;
     }
+    shared.subject_pages.fetch_sub(subject_pages, Ordering::Relaxed);
     let had_control = shared.access().leave(number);
     let text = if had_control { "it had control" } else { "" };
     shared.event(EventKind::PageClosed, Severity::Info, values, text);

@@ -1,8 +1,9 @@
 //! The process: topics from shared memory to the pages, events from the pages to shared memory.
 
+use std::borrow::Cow;
 use std::net::{SocketAddr, TcpListener};
 use std::sync::Arc;
-use std::sync::atomic::AtomicU64;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, channel, sync_channel};
 use std::time::{Duration, Instant};
 
@@ -251,6 +252,8 @@ struct Console {
     plotter: Plotter,
     /// What the subject was shown last.
     seen: Option<SubjectView>,
+    /// The instruction that a subject's page shows; `None` where none is open.
+    instruction: Option<Cow<'static, str>>,
     beat: Instant,
     told: Instant,
 }
@@ -275,6 +278,7 @@ impl Console {
             view: RigView::default(),
             plotter,
             seen: None,
+            instruction: None,
             beat: Instant::now(),
             told: Instant::now(),
         })
@@ -298,11 +302,15 @@ impl Console {
         // Four times of five nothing has changed.
         if self.seen.as_ref() != Some(&seen) {
             self.shared.board.set(Slot::Bar, &json!({ "type": "bar", "view": seen }));
-            let before = self.seen.replace(seen.clone()).unwrap_or_default();
-            if before.instruction != seen.instruction {
-                let (kind, text) = (EventKind::InstructionShown, &*seen.instruction);
-                service.event(kind, Severity::Info, [0.0; 3], text)?;
-            }
+            self.seen = Some(seen.clone());
+        }
+        if self.shared.subject_pages.load(Ordering::Relaxed) == 0 {
+            // A page that opens later is then the first to show it.
+            self.instruction = None;
+        } else if self.instruction.as_ref() != Some(&seen.instruction) {
+            let (kind, text) = (EventKind::InstructionShown, &*seen.instruction);
+            service.event(kind, Severity::Info, [0.0; 3], text)?;
+            self.instruction = Some(seen.instruction);
         }
         if self.told.elapsed() >= STATE {
             self.told = Instant::now();

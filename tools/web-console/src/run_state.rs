@@ -17,6 +17,8 @@ pub(crate) struct RunState {
     pub(crate) protocol: String,
     /// Code of the subject; may be empty.
     pub(crate) subject: String,
+    /// Sessions that were over before it was continued; 0 for one that began anew.
+    pub(crate) over_before: u32,
     /// The sessions' files, where there are to be some.
     pub(crate) files: Option<Files>,
     /// Set once it has ended: whether it ran to its end. What remains are the files.
@@ -91,6 +93,7 @@ mod tests {
             takes_keys: true,
             protocol: "[protocol]\nname = \"Übung\"\n".to_owned(),
             subject: "S07".to_owned(),
+            over_before: 1,
             files: Some(Files {
                 name: "/data/S07_".into(),
                 recording: "/data/run.mcap".into(),

@@ -123,6 +123,7 @@ impl Runner {
             takes_keys: of.takes_keys,
             protocol: protocol.text().to_owned(),
             subject: built.subject.clone(),
+            over_before: built.chosen.continues().unwrap_or(0),
             files: files.as_ref().zip(built.files.clone()).map(|(files, name)| Files {
                 name,
                 recording: files.recording().to_owned(),
@@ -131,7 +132,7 @@ impl Runner {
             completed: None,
         };
         self.state.save(&state)?;
-        let mut over = built.chosen.continues().unwrap_or(0);
+        let mut over = state.over_before;
         let outcome = run_protocol(&link, &built.chosen, &stop, &mut |progress| {
             tell(begun);
             self.session_over(progress.sessions.as_ref(), &mut over);
@@ -169,10 +170,10 @@ impl Runner {
         let link = RigLink::open(&self.rig)?;
         let sessions = sessions_of(&protocol);
         let mut files = state.files.as_ref().map(|Files { name, recording, since_ns }| {
-            SessionFiles::resume(recording, sessions, name, *since_ns)
+            SessionFiles::resume(recording, state.over_before..sessions, name, *since_ns)
         });
         if let (Some(files), Some(Files { name, .. })) = (&files, &state.files) {
-            self.add_files(files.earlier(name).into_iter().map(Ok).collect());
+            self.add_files(files.earlier(state.over_before, name).map(Ok).collect());
         }
         if let Some(completed) = state.completed {
             // It has ended. A stop that did not arrive is asked for again; the lease is not
@@ -192,7 +193,7 @@ impl Runner {
         let stop = self.begin(&protocol, of, stops);
         let text = "the console goes on with the protocol that it played before";
         let mut told = false;
-        let mut over = 0;
+        let mut over = state.over_before;
         let outcome = resume_protocol(&link, state.client, &stop, &mut |progress| {
             if !std::mem::replace(&mut told, true) {
                 self.shared.event(EventKind::ProtocolResumed, Severity::Warning, [0.0; 3], text);

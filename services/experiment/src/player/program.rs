@@ -217,6 +217,11 @@ impl Program {
         self.continues.as_ref()
     }
 
+    /// Index of the segment that it begins with.
+    pub fn first_segment(&self) -> u32 {
+        self.continues.as_ref().map_or(0, |from| from.segment)
+    }
+
     /// Whether the process that plays it keeps it for `farreach run --continue`.
     pub const fn can_be_continued(&self) -> bool {
         self.resumes && self.sessions.sessions > 0
@@ -255,6 +260,7 @@ impl Program {
             epoch,
             client,
             pulses: self.source.clone(),
+            keys: Vec::new(),
             scan: ScanState::default(),
             sessions: SessionState::default(),
         }
@@ -324,7 +330,7 @@ impl Program {
     /// for each axis that is at the beginning. Searches for the stops, rests, and free movement
     /// without a force field need none.
     pub fn first_unhomed(&self, mut homed: u8) -> Option<(usize, usize)> {
-        let first = self.continues.as_ref().map_or(0, |from| from.segment as usize);
+        let first = self.first_segment() as usize;
         for (at, step) in self.steps.iter().enumerate().skip(first) {
             let movement = &step.track.movement;
             if matches!(movement, Movement::Initialise(_)) {

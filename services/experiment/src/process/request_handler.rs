@@ -7,19 +7,20 @@ use std::time::{Duration, Instant};
 
 use ipc_types::{
     EXPERIMENT_COMMANDS, Event, EventKind, ExperimentAnswer, ExperimentRequest, InterruptedRun,
-    Process, PulseSource, SessionProgress, Severity,
+    Process, PulseSource, Severity,
 };
 use rig::RigFile;
 use rig::protocol::Protocol;
 use runtime::clock::{ClockPair, SECOND_NS, now_ns};
 use runtime::{RigName, ServiceError, Worker};
 
-use crate::contraction;
 use crate::interrupted::{Continuation, Interrupted, InterruptedFile};
 use crate::player::{Change, Program, Reason};
-use crate::session_state::{SessionState, SessionStep};
+use crate::scan_tracker::ScanState;
+use crate::session_state::SessionStep;
 use crate::state::PlayerState;
 
+use super::current_protocol::Current;
 use super::ilc_worker::find_references;
 use super::interrupted_writer::InterruptedWriter;
 use super::thread_link::{ChangeReport, Order, Progress, RequestSide};
@@ -37,41 +38,10 @@ const NO_TRIGGER: &str = "this protocol waits for the scanner or counts its volu
                           has no trigger line: add a channel of kind \"trigger\" or [scanner] with \
                           `digital` to the rig file, or run with --scanner-key or \
                           --emulate-scanner TR";
+/// Keys that are kept for a successor of the process: more than a scanner sends in a segment.
+const KEYS_KEPT: usize = 4096;
 /// Longest error in an answer (bytes).
 const LONGEST_ERROR: usize = 32_768;
-
-/// What is, or was, being played.
-#[derive(Debug)]
-pub(super) struct Current {
-    pub(super) order: u32,
-    pub(super) client: u64,
-    pub(super) program: Arc<Program>,
-    /// Its sessions so far.
-    pub(super) sessions: SessionState,
-    /// The newest change that the loop has reported.
-    pub(super) newest: Option<ChangeReport>,
-    /// Whether the maxima that it measured were saved, as far as that could be.
-    pub(super) maxima_saved: bool,
-}
-
-impl Current {
-    /// Whether it ran to its end, and the result of its last session is known.
-    fn is_over(&self) -> bool {
-        let done = self.newest.is_some_and(|report| report.change == Change::Done);
-        done && self.sessions.over >= self.program.sessions().sessions
-    }
-
-    /// The sessions so far; `None` for a protocol without. The result of the last one comes a few
-    /// milliseconds after the end of a protocol that is completed.
-    fn progress(&self, completed: bool) -> Option<SessionProgress> {
-        let plan = self.program.sessions();
-        (plan.sessions > 0).then(|| SessionProgress {
-            over: if completed { plan.sessions } else { self.sessions.over },
-            sessions: plan.sessions,
-            target: plan.matched.map(|matched| self.sessions.target[..matched.bars()].to_vec()),
-        })
-    }
-}
 
 /// What the thread works with.
 #[derive(Debug)]
@@ -179,16 +149,12 @@ impl RequestHandler {
         let order = self.next_order();
         self.retired.retain(|program| Arc::strong_count(program) > 1);
         self.retired.push(Arc::clone(&program));
-        self.current = Some(Current {
-            order,
-            client,
-            program: Arc::clone(&program),
-            sessions: program
-                .continues()
-                .map_or_else(SessionState::default, |from| from.sessions.clone()),
-            newest: None,
-            maxima_saved: false,
-        });
+        let current = Current::new(order, client, Arc::clone(&program));
+        let lost = current.lost_session(program.first_segment());
+        if lost.is_some_and(|event| self.link.events.push(event).is_err()) {
+            self.link.dropped.count();
+        }
+        self.current = Some(current);
         (self.permission_lost, self.trouble) = (false, String::new());
         let before_ns = now_ns().saturating_add(TAKE_LIMIT.as_nanos() as u64);
         self.order(order, Order::Play { number: order, program, deadline_ns: before_ns })
@@ -313,8 +279,8 @@ impl RequestHandler {
 
     /// Hands a pulse that was typed as the key 5 to the loop.
     fn pulse(&mut self, client: u64, at_ns: u64) -> Result<(), String> {
-        let current = self.current.as_ref().filter(|_| self.link.progress.read().running);
-        let Some(current) = current else {
+        let running = self.link.progress.read().running;
+        let Some(current) = self.current.as_mut().filter(|_| running) else {
             return Err("the key 5 was not counted: no protocol is running".to_owned());
         };
         if current.client != client {
@@ -337,10 +303,18 @@ impl RequestHandler {
                 if off_s > 0.0 { "in the future" } else { "ago" },
             ));
         }
-        self.link.keys.push(at_ns.min(now_ns)).map_err(|_| {
+        let at_ns = at_ns.min(now_ns);
+        self.link.keys.push(at_ns).map_err(|_| {
             self.link.dropped.count();
             "the key 5 was not counted: too many wait".to_owned()
-        })
+        })?;
+        if current.keys.len() < KEYS_KEPT {
+            current.keys.push(at_ns);
+        }
+        // At the latest here: a successor counts it, whenever this process dies.
+        current.keys_saved = false;
+        self.save_changes();
+        Ok(())
     }
 
     fn stop(&mut self, client: Option<u64>) -> Result<(), String> {
@@ -404,16 +378,22 @@ impl RequestHandler {
         current.newest = changed.or(current.newest);
         if !current.maxima_saved && current.is_over() {
             current.maxima_saved = true;
-            let told = save_maxima(current, &self.learnt, &self.rig);
+            let told = current.save_maxima(&self.learnt, &self.rig);
             if told.is_some_and(|event| self.link.events.push(event).is_err()) {
                 self.link.dropped.count();
             }
         }
+        let kept = changed.is_some() || session_over;
         let Some(ChangeReport { change, epoch, scan, .. }) =
-            current.newest.filter(|_| changed.is_some() || session_over)
+            current.newest.filter(|_| kept || !current.keys_saved)
         else {
             return;
         };
+        // What ends before its first step has not followed the scanner yet.
+        let before = current.program.continues().map_or(scan, |from| from.scan);
+        let scan = if scan == ScanState::default() { before } else { scan };
+        current.keys.retain(|at_ns| *at_ns > scan.newest_ns());
+        current.keys_saved = true;
         let (segment, running) = match change {
             Change::Started => (0, true),
             Change::Continued(segment) | Change::Segment(segment) | Change::Resumed(segment) => {
@@ -425,8 +405,11 @@ impl RequestHandler {
         let client = current.client;
         let sessions = current.sessions.clone();
         let begun = current.program.state(self.session, epoch, client);
-        let state = PlayerState { segment, running, scan, sessions, ..begun };
-        keep(&self.writer, &current.program, change, &state);
+        let keys = current.keys.clone();
+        let state = PlayerState { segment, running, scan, keys, sessions, ..begun };
+        if kept {
+            keep(&self.writer, &current.program, change, &state);
+        }
         self.permission_lost = matches!(change, Change::Aborted(_, Reason::PermissionLost));
         self.trouble = match save(&self.file, &state) {
             Ok(()) => match change {
@@ -475,19 +458,6 @@ fn cut(mut error: String) -> String {
         error.truncate(end);
     }
     error
-}
-
-/// Saves the maxima that a protocol has measured, and says so; `None` where it saves none.
-fn save_maxima(current: &Current, folder: &Path, rig: &RigFile) -> Option<Event> {
-    let name = current.program.saves_maxima()?;
-    let maxima = &current.sessions.maxima;
-    let count = maxima.iter().filter(|maximum| **maximum > 0.0).count();
-    let (severity, text) = match contraction::save(folder, name, rig, maxima) {
-        Ok(()) => (Severity::Info, name.to_owned()),
-        Err(reason) => (Severity::Error, reason),
-    };
-    let event = Event::new(Process::Experiment, EventKind::MaximaSaved, severity, &text);
-    Some(Event { a: count as f64, ..event })
 }
 
 /// Writes the state whole or not at all.

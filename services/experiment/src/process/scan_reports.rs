@@ -21,6 +21,8 @@ const REPORTS_A_CYCLE: usize = 16;
 pub(super) struct ScanPorts {
     pulses: Subscriber<ScannerPulse>,
     keys: Publisher<ScannerPulse>,
+    /// Keys that a process before counted in the segment that goes on, the newest first.
+    earlier: Vec<u64>,
     /// Keys that were pressed since this process began.
     pressed: u64,
     volumes: Publisher<Volume>,
@@ -29,10 +31,13 @@ pub(super) struct ScanPorts {
 }
 
 impl ScanPorts {
-    pub(super) fn open(service: &mut Service) -> Result<Self, PortError> {
+    /// `keys`: those that a process before counted in the segment that goes on (ns).
+    pub(super) fn open(service: &mut Service, mut keys: Vec<u64>) -> Result<Self, PortError> {
+        keys.reverse();
         Ok(Self {
             pulses: service.subscriber(SCANNER)?,
             keys: service.publisher(SCANNER_KEY)?,
+            earlier: keys,
             pressed: 0,
             volumes: service.publisher(VOLUME)?,
             counts_due: false,
@@ -52,6 +57,12 @@ impl ScanPorts {
             if let Some(event) = LineEvent::from_code(pulse.kind) {
                 player.see_scanner(event, pulse.at_ns);
             }
+        }
+        // They were published when they were pressed.
+        while player.can_see_scanner()
+            && let Some(at_ns) = self.earlier.pop()
+        {
+            player.see_scanner_key(at_ns);
         }
         while player.can_see_scanner()
             && let Ok(at_ns) = keys.pop()
