@@ -321,6 +321,49 @@ codes! {
         /// The maxima of the muscles' activity that a protocol has measured were saved under the
         /// name in the text, or, as it then says, not: `a` how many electrodes have one.
         MaximaSaved = 40, "maxima saved";
+        /// The monitor knows what is usual on an axis: `a` the axis, `b` the standard deviation of
+        /// the master's innovation, `c` of the slave's (rad).
+        BaselineLearnt = 41, "baseline learnt";
+        /// The machine departs from the model beside it: `a` the axis, `b` the size of the effect
+        /// in the text (in its default size), `c` the share of the departure that it explains.
+        ModelDeparted = 42, "model departed";
+        /// The machine is again as it was: `a` the axis.
+        ModelReturned = 43, "model returned";
+        /// An axis is not monitored, for the reason in the text: `a` the axis.
+        NotMonitored = 44, "not monitored";
+        /// The simulated machine was changed while it moves: the text has its effects, `a` how
+        /// many.
+        EffectsChanged = 45, "effects changed";
+    }
+
+    /// What the monitor knows of an axis.
+    MonitorState {
+        /// Nothing: there is no such axis, or its model cannot be simulated.
+        Blind = 0, "not monitored";
+        /// It learns what is usual, while the machine moves.
+        Learning = 1, "learning";
+        /// The machine is as the model.
+        Steady = 2, "steady";
+        /// More than usual, not yet for long enough to be sure.
+        Suspicious = 3, "suspicious";
+        /// The machine has departed from the model.
+        Departed = 4, "departed";
+    }
+
+    /// Where an effect acts.
+    ModelSite {
+        /// Nowhere: there is none.
+        None = 0, "none";
+        /// Amplifier and motor.
+        Drive = 1, "drive";
+        /// Master side.
+        Master = 2, "master";
+        /// The transmission.
+        Line = 3, "line";
+        /// Slave side and handle.
+        Slave = 4, "slave";
+        /// The instruments.
+        Sensor = 5, "sensor";
     }
 
     /// How a session ended.

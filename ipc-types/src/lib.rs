@@ -17,6 +17,7 @@ mod card;
 mod codes;
 mod experiment_types;
 mod message;
+mod model_types;
 mod process;
 mod pulse_source;
 mod requests;
@@ -31,6 +32,7 @@ pub use experiment_types::*;
 pub use message::{
     CDR_HEADER, Code, Field, Message, Primitive, TypeVisitor, Value, schema_comment,
 };
+pub use model_types::*;
 pub use process::*;
 pub use pulse_source::*;
 pub use requests::*;
@@ -59,5 +61,8 @@ pub const BAR_MIDDLE: f64 = 10.0;
 /// Calls the visitor with the message type of that name in shared memory, for what knows a topic
 /// from the table only; `None` where no message has the name.
 pub fn visit_type<V: TypeVisitor>(name: &str, visitor: V) -> Option<V::Output> {
-    types::visit(name, visitor).or_else(|visitor| experiment_types::visit(name, visitor)).ok()
+    types::visit(name, visitor)
+        .or_else(|visitor| experiment_types::visit(name, visitor))
+        .or_else(|visitor| model_types::visit(name, visitor))
+        .ok()
 }

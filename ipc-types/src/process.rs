@@ -104,6 +104,14 @@ processes! {
         silence_s: 5,
         oom_score: 0,
     };
+    /// Runs the declared model beside the machine and tells when the machine departs from it.
+    Monitor = 10, "monitor" {
+        topics: [event 32, heartbeat 33],
+        after: &[Process::Keeper, Process::Logger],
+        optional: true,
+        silence_s: 5,
+        oom_score: 0,
+    };
     /// Starts and restarts the others on a machine without systemd.
     Launcher = 7, "launcher";
     /// A person's command line.

@@ -69,6 +69,27 @@ pub struct LoggerAnswer {
     pub error: String,
 }
 
+/// Request to the simulated card.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum SimulatorRequest {
+    /// Changes the simulated machine while it moves, to that of the rig file with these effects.
+    Effects {
+        /// Each `ID[@SITE][=SIZE]`.
+        effects: Vec<String>,
+    },
+    /// Which effects has it, beside those of the rig file?
+    Status,
+}
+
+/// Answer of the simulated card.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct SimulatorAnswer {
+    /// Effects of the simulated machine, beside those of the rig file.
+    pub effects: Vec<String>,
+    /// Why they were not changed; empty otherwise.
+    pub error: String,
+}
+
 /// Request to the experiment runner.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum ExperimentRequest {

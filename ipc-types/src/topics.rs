@@ -4,9 +4,10 @@ use std::marker::PhantomData;
 
 use crate::process::{PROCESS_TOPICS, ProcessTopic, ProcessTopicKind};
 use crate::{
-    CARD_FIFO, CardOutput, CardScan, ClockSync, EmgMaximum, EnableLine, EnableToken, Event, Field,
-    Heartbeat, HomeOrder, LoopTiming, LossCounters, Message, MotorCommand, Performance, Process,
-    Sample, ScannerPulse, SessionResult, Setpoint, SyncOrder, Volume,
+    AXES, CARD_FIFO, CardOutput, CardScan, ClockSync, EmgMaximum, EnableLine, EnableToken, Event,
+    Field, Heartbeat, HomeOrder, Innovation, LoopTiming, LossCounters, Message, ModelState,
+    MotorCommand, Performance, Process, Sample, ScannerPulse, SessionResult, Setpoint, SyncOrder,
+    Volume,
 };
 
 /// How often a topic is published.
@@ -118,7 +119,7 @@ pub const CARD_OUTPUT: TypedTopic<CardOutput> =
     topic("card_output", Process::Acquisition, Rate::Loop(Process::Acquisition), 1024, 0);
 /// The setpoint.
 pub const SETPOINT: TypedTopic<Setpoint> =
-    topic("setpoint", Process::Experiment, Rate::Loop(Process::Experiment), 400, 0);
+    topic("setpoint", Process::Experiment, Rate::Loop(Process::Experiment), 360, 0);
 /// Zeros that homing has found; no history, so that an old one never sets a new acquisition's zero.
 pub const HOME_ORDER: TypedTopic<HomeOrder> =
     topic("home_order", Process::Experiment, Rate::Sporadic, 16, 0);
@@ -143,6 +144,12 @@ pub const SESSION: TypedTopic<SessionResult> =
 /// Maxima of the muscles' activity.
 pub const EMG_MAXIMUM: TypedTopic<EmgMaximum> =
     topic("emg_maximum", Process::Experiment, Rate::Sporadic, 8, 8);
+/// The model beside the machine.
+pub const INNOVATION: TypedTopic<Innovation> =
+    topic("innovation", Process::Monitor, Rate::Sporadic, 96, 0);
+/// Whether the machine is as the model; the history holds the newest of each axis.
+pub const MODEL_STATE: TypedTopic<ModelState> =
+    topic("model_state", Process::Monitor, Rate::Sporadic, 16, AXES);
 /// The logger's loss counters.
 pub const LOSS: TypedTopic<LossCounters> = topic("loss", Process::Logger, Rate::Hertz(1), 256, 0);
 /// The logger's measurement of the wall clock.
@@ -168,6 +175,8 @@ const OWN: &[(usize, Topic)] = &[
     (29, SCANNER_KEY.topic),
     (30, SYNC_ORDER.topic),
     (31, EMG_MAXIMUM.topic),
+    (34, INNOVATION.topic),
+    (35, MODEL_STATE.topic),
 ];
 
 /// A topic that several processes have.
@@ -176,7 +185,7 @@ const fn process_topic(owner: Process, own: ProcessTopic) -> Topic {
     match own.kind {
         ProcessTopicKind::event => topic::<Event>(name, owner, Rate::Sporadic, 64, 16).topic,
         ProcessTopicKind::heartbeat => {
-            topic::<Heartbeat>(name, owner, Rate::Hertz(20), 64, 1).topic
+            topic::<Heartbeat>(name, owner, Rate::Hertz(20), 32, 1).topic
         }
         ProcessTopicKind::timing => topic::<LoopTiming>(name, owner, Rate::Hertz(1), 16, 1).topic,
     }
@@ -258,6 +267,9 @@ pub const LOGGER_COMMANDS: CommandService =
 /// Protocols.
 pub const EXPERIMENT_COMMANDS: CommandService =
     CommandService { name: "command/experiment", owner: Process::Experiment, bytes: 65_536 };
+/// Faults of the simulated machine.
+pub const SIMULATOR_COMMANDS: CommandService =
+    CommandService { name: "command/simulator", owner: Process::Simulator, bytes: 2048 };
 /// The services that answer requests.
 pub const COMMAND_SERVICES: &[CommandService] =
-    &[WATCHDOG_COMMANDS, LOGGER_COMMANDS, EXPERIMENT_COMMANDS];
+    &[WATCHDOG_COMMANDS, LOGGER_COMMANDS, EXPERIMENT_COMMANDS, SIMULATOR_COMMANDS];

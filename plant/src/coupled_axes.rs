@@ -123,6 +123,15 @@ impl Plant {
         plant.rest_at(slave_rad / ratio, None);
     }
 
+    /// Takes over positions, velocities and time of another machine with the same axes. Lines with
+    /// a history, and effects with an inner state, begin anew.
+    pub fn go_on_from(&mut self, other: &Self) {
+        for (axis, from) in self.axes.iter_mut().zip(&other.axes) {
+            axis.set_state(*from.state());
+        }
+        self.coupled_at_start_j = self.coupled_j();
+    }
+
     /// Motion of an axis; all zero where there is no such axis.
     pub fn motion(&self, axis: usize) -> Motion {
         self.axes.get(axis).map_or_else(Motion::default, Transmission::motion)

@@ -43,6 +43,7 @@ pub mod fourier;
 pub mod friction;
 pub mod handle_inertia;
 pub mod hydrostatic;
+pub mod observer;
 mod parameter;
 pub mod reflected_dynamics;
 pub mod response;

@@ -170,6 +170,11 @@ impl Plant {
         self
     }
 
+    /// See [`crate::transmission::Plant::set_state`].
+    pub fn set_state(&mut self, state: State) {
+        each!(self, plant => plant.set_state(state));
+    }
+
     /// Sets the clock by which effects change (s); nothing moves.
     pub fn set_time(&mut self, time_s: f64) {
         each!(self, plant => plant.set_state(State { time_s, ..*plant.state() }));

@@ -102,6 +102,11 @@ pub(crate) enum Service {
         #[arg(long, value_name = "DIR", env = "FARREACH_LEARNT", hide_env_values = true)]
         learnt: Option<PathBuf>,
     },
+    /// Runs the declared model beside the machine and tells when the machine departs from it
+    #[command(
+        after_help = "Example:\n  farreach service monitor --rig launch/rigs/hydrostatic.toml"
+    )]
+    Monitor(RigArgument),
     /// Serves the pages of operator and subject to browsers
     #[command(
         after_help = "Example:\n  farreach --rig-name bench service console --listen 127.0.0.1:8321"
@@ -178,6 +183,7 @@ pub(crate) fn run(service: Service, rig_name: &RigName) -> anyhow::Result<i32> {
             let learnt = learnt.filter(|folder| !folder.as_os_str().is_empty());
             experiment::run(name, &rig.load()?, learnt.as_deref())?;
         }
+        Service::Monitor(rig) => monitor::run(name, &rig.load()?)?,
         Service::Console { listen } => web_console::run(rig_name, listen)?,
     }
     Ok(operator::DONE)

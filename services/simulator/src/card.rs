@@ -134,29 +134,9 @@ impl Card {
         effects: &[String],
         enable_line_timeout_ns: u64,
     ) -> Result<Self, CardError> {
-        let kind = rig.model.kind;
-        if !kind.is_transmission() {
-            return Err(CardError::NoPlant { file: rig.file_name().to_owned(), kind: kind.name() });
-        }
+        let plant = plant_of(rig, effects)?;
         let simulation = &rig.simulation;
         let hand = simulation.hand;
-        let mut transmissions = Vec::with_capacity(rig.axes.len());
-        for axis in &rig.axes {
-            let mut parameters = rig.axis_parameters(axis)?;
-            if hand.kind != HandKind::Absent {
-                parameters.load_handle(hand.inertia)?;
-            }
-            let requested =
-                effects.iter().map(|text| parse(text)).collect::<Result<Vec<_>, _>>()?;
-            let mut effects = rig.axis_effects(axis)?;
-            effects.extend(requested);
-            if let Some((lower, upper)) = simulation.end_stops {
-                effects.push(Box::new(EndStop::between(lower, upper)));
-            }
-            transmissions.push(parameters.plant(effects)?);
-        }
-        let coupling = HandleCoupling::of_pairs(rig.axes.len(), &rig.model.handle_coupling)?;
-        let plant = Plant::new(transmissions, &coupling)?;
         let channels = |wanted: fn(ChannelKind) -> bool| -> Vec<usize> {
             rig.channels
                 .iter()
@@ -221,6 +201,13 @@ impl Card {
         }
         self.power_up = power_up;
         self
+    }
+
+    /// Changes the machine while it moves, and returns the one before; positions, velocities and
+    /// time stay. Allocates nothing.
+    pub fn replace_plant(&mut self, mut plant: Plant) -> Plant {
+        plant.go_on_from(&self.plant);
+        std::mem::replace(&mut self.plant, plant)
     }
 
     /// Lets an encoder's counter jump, as an interference on its cable does; for tests.
@@ -386,6 +373,34 @@ impl Card {
     pub fn motion_of(&self, axis: usize) -> Motion {
         self.plant.motion(axis)
     }
+}
+
+/// The machine of a rig file, with further effects (`ID[@SITE][=SIZE]`) in every axis.
+///
+/// # Errors
+/// As [`Card::new`].
+pub fn plant_of(rig: &RigFile, effects: &[String]) -> Result<Plant, CardError> {
+    let kind = rig.model.kind;
+    if !kind.is_transmission() {
+        return Err(CardError::NoPlant { file: rig.file_name().to_owned(), kind: kind.name() });
+    }
+    let (simulation, hand) = (&rig.simulation, rig.simulation.hand);
+    let mut transmissions = Vec::with_capacity(rig.axes.len());
+    for axis in &rig.axes {
+        let mut parameters = rig.axis_parameters(axis)?;
+        if hand.kind != HandKind::Absent {
+            parameters.load_handle(hand.inertia)?;
+        }
+        let requested = effects.iter().map(|text| parse(text)).collect::<Result<Vec<_>, _>>()?;
+        let mut effects = rig.axis_effects(axis)?;
+        effects.extend(requested);
+        if let Some((lower, upper)) = simulation.end_stops {
+            effects.push(Box::new(EndStop::between(lower, upper)));
+        }
+        transmissions.push(parameters.plant(effects)?);
+    }
+    let coupling = HandleCoupling::of_pairs(rig.axes.len(), &rig.model.handle_coupling)?;
+    Ok(Plant::new(transmissions, &coupling)?)
 }
 
 impl Sensors {

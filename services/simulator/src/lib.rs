@@ -8,11 +8,12 @@
 //! for tests and offline use.
 
 mod card;
+mod fault_requests;
 mod lock_step;
 mod process;
 mod subject;
 
-pub use card::{Card, CardError, PowerUp};
+pub use card::{Card, CardError, PowerUp, plant_of};
 pub use lock_step::LockStepDaq;
 pub use process::{SimulatorError, run};
 pub use subject::Subject;

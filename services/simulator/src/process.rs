@@ -6,6 +6,7 @@ use runtime::{Grid, Losses, PortError, Service, ServiceError, Timeouts};
 use thiserror::Error;
 
 use crate::card::{Card, CardError, PowerUp};
+use crate::fault_requests::FaultLink;
 
 /// Scans that the card catches up with after it was not run for a while; a real card is never late.
 const CATCH_UP: u64 = 4096;
@@ -32,6 +33,7 @@ pub fn run(rig_name: &str, rig: &RigFile, effects: &[String]) -> Result<(), Simu
     let power_up = PowerUp::random(rig, rig.simulation.seed ^ service.identity().incarnation);
     let line_ns = Timeouts::of(service.domain().profile()).enable_line_ns;
     let mut card = Card::new(rig, effects, line_ns)?.with_power_up(power_up);
+    let mut faults = FaultLink::serve(service.domain().name(), rig, effects)?;
     let mut scans = service.publisher(CARD_SCAN)?;
     let mut outputs = service.subscriber(CARD_OUTPUT)?;
     let mut lines = service.subscriber(ENABLE_LINE)?;
@@ -51,6 +53,10 @@ pub fn run(rig_name: &str, rig: &RigFile, effects: &[String]) -> Result<(), Simu
         }
         while let Some(performance) = shown.take()? {
             card.show(&performance);
+        }
+        if let Some((plant, event)) = faults.take() {
+            faults.give_back(card.replace_plant(plant));
+            service.publish(event)?;
         }
         // A card's clock never misses: what is due since the last wake is clocked now.
         let mut first = last_tick.map_or(wake.tick, |tick: u64| tick + 1);

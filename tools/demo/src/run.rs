@@ -243,6 +243,7 @@ fn run_session(
         effects: effect.iter().map(|effect| (*effect).to_owned()).collect(),
         record: Some(folder.recording()),
         console: None,
+        monitor: false,
         profile: None,
         executable: std::env::current_exe().context("cannot find the farreach executable")?,
     };

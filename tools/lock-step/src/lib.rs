@@ -153,6 +153,20 @@ impl LockStepRig {
         })
     }
 
+    /// Changes the plant while it moves, to that of the rig file with these effects.
+    ///
+    /// # Errors
+    /// [`LockStepError::Card`].
+    pub fn change_effects(
+        &mut self,
+        rig: &RigFile,
+        effects: &[String],
+    ) -> Result<(), LockStepError> {
+        let plant = simulator::plant_of(rig, effects)?;
+        self.daq.card().replace_plant(plant);
+        Ok(())
+    }
+
     /// Time of the next cycle's scan since the first cycle's (s).
     pub fn time_s(&self) -> f64 {
         (self.cycle * self.cycle_ticks) as f64 / f64::from(self.acquisition_hz)
@@ -216,6 +230,20 @@ impl LockStepRig {
         setpoint: Option<&Setpoint>,
         powered: bool,
     ) -> Result<CycleResult, LockStepError> {
+        self.cycle_seeing(setpoint, powered, &mut |_| {})
+    }
+
+    /// As [`Self::cycle_with`]; `see` is called with every sample since the last cycle, as those
+    /// who follow acquisition see them.
+    ///
+    /// # Errors
+    /// [`LockStepError::Daq`].
+    pub fn cycle_seeing(
+        &mut self,
+        setpoint: Option<&Setpoint>,
+        powered: bool,
+        see: &mut dyn FnMut(&Sample),
+    ) -> Result<CycleResult, LockStepError> {
         let time_s = self.time_s();
         let scan_tick = self.next_tick();
         self.run_to(scan_tick - 1)?;
@@ -227,11 +255,12 @@ impl LockStepRig {
         }
         self.run_to(scan_tick)?;
         let now_ns = self.daq.now_ns();
-        let sample = match self.daq.read_due(now_ns)?.last() {
-            Some(scan) => self.converter.convert(scan, &self.zeros),
-            // Cannot happen: every tick produces a scan. The law would release the output.
-            None => Sample::default(),
-        };
+        // Cannot stay so: every tick produces a scan. The law would release the output.
+        let mut sample = Sample::default();
+        for scan in self.daq.read_due(now_ns)? {
+            sample = self.converter.convert(scan, &self.zeros);
+            see(&sample);
+        }
         let command = self.law.step(now_ns, &sample, setpoint, powered);
         // Written after the scan before the one at which it is to act.
         self.pending.push_back((self.tick + OUTPUT_DELAY_TICKS - 1, command.volts));

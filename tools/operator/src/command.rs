@@ -70,6 +70,26 @@ pub enum Command {
     /// Stops the running protocol: the handle comes to rest, the motor stays enabled at 0 V
     #[command(after_help = "Example:\n  farreach stop")]
     Stop(OutputFormat),
+    /// Puts a fault into the simulated card of a rig that is up
+    #[command(subcommand)]
+    Fault(Fault),
+}
+
+/// `farreach fault`: faults of the simulated card.
+#[derive(Clone, Debug, Subcommand)]
+pub enum Fault {
+    /// Changes the simulated machine while it moves: to that of the rig file with these effects in
+    /// every axis, which no model is told of. Without any, tells those that it has
+    #[command(after_help = "Examples:\n  farreach fault effect backlash@slave=0.05\n  \
+        farreach fault effect none")]
+    Effect {
+        /// The effects; `none` for the machine of the rig file
+        #[arg(value_name = "ID[@SITE][=SIZE]")]
+        effects: Vec<String>,
+        #[command(flatten)]
+        #[allow(missing_docs)]
+        json: OutputFormat,
+    },
 }
 
 /// `farreach rec start`, `farreach rec stop`: the recording of a rig that is up.
@@ -163,6 +183,9 @@ pub struct UpArguments {
     /// prints it with its token
     #[arg(long, value_name = "ADDRESS", num_args = 0..=1, default_missing_value = CONSOLE_AT)]
     pub console: Option<SocketAddr>,
+    /// Runs the declared model beside the machine, and tells when the machine departs from it
+    #[arg(long)]
+    pub monitor: bool,
     /// Timing profile (realtime, best-effort). By default farreach measures the scheduling stalls
     /// of this computer and chooses; overrides FARREACH_PROFILE
     #[arg(long, value_name = "PROFILE", value_parser = parse_profile)]
@@ -209,6 +232,9 @@ pub fn run(command: Command, rig_name: &RigName) -> anyhow::Result<i32> {
         Command::Run(arguments) => actions::run(&arguments, rig_name),
         Command::Console(OutputFormat { json }) => actions::console(rig_name, json),
         Command::Stop(OutputFormat { json }) => actions::stop(rig_name, json),
+        Command::Fault(Fault::Effect { effects, json: OutputFormat { json } }) => {
+            actions::change_effects(rig_name, effects, json)
+        }
     }
 }
 

@@ -37,6 +37,9 @@ pub enum Error {
     /// The simulated card cannot be built: an unknown effect, or a model that cannot be simulated.
     #[error(transparent)]
     Simulator(#[from] simulator::CardError),
+    /// The simulated card refused a fault.
+    #[error("{0}")]
+    Fault(String),
     /// The card cannot be opened.
     #[error(transparent)]
     Card(#[from] acquisition::CardError),

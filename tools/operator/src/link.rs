@@ -5,7 +5,8 @@ use std::time::Duration;
 use iceoryx2::prelude::{Node, ipc};
 use ipc_types::{
     EXPERIMENT_COMMANDS, ExperimentAnswer, ExperimentRequest, LOGGER_COMMANDS, LoggerAnswer,
-    LoggerRequest, Message, TypedTopic, Verb, VerbAnswer, WATCHDOG_COMMANDS,
+    LoggerRequest, Message, SIMULATOR_COMMANDS, SimulatorAnswer, SimulatorRequest, TypedTopic,
+    Verb, VerbAnswer, WATCHDOG_COMMANDS,
 };
 use runtime::{Domain, RigName, Subscriber, call};
 
@@ -78,6 +79,14 @@ impl RigLink {
     /// If it does not answer.
     pub fn logger(&self, request: &LoggerRequest) -> Result<LoggerAnswer, Error> {
         Ok(call(&self.node, &LOGGER_COMMANDS, request, LOGGER_LIMIT)?)
+    }
+
+    /// Sends a request to the simulated card.
+    ///
+    /// # Errors
+    /// If it does not answer.
+    pub fn simulator(&self, request: &SimulatorRequest) -> Result<SimulatorAnswer, Error> {
+        Ok(call(&self.node, &SIMULATOR_COMMANDS, request, EXPERIMENT_LIMIT)?)
     }
 
     /// Sends a request to the experiment process.

@@ -1,5 +1,6 @@
 //! State of a rig: the launcher's view of its processes, and what these publish. Read only.
 
+mod model;
 mod observe;
 mod percentiles;
 mod protocol;
@@ -18,6 +19,7 @@ use serde::Serialize;
 
 use self::observe::Observer;
 use crate::{Error, RigLink};
+pub use model::ModelStatus;
 pub use percentiles::Percentiles;
 pub use protocol::ProtocolStatus;
 pub use scanner::ScannerStatus;
@@ -56,6 +58,8 @@ pub struct RigStatus {
     pub unhomed: Vec<usize>,
     /// The scanner; `null` if nothing was seen of it.
     pub scanner: Option<ScannerStatus>,
+    /// The model beside each axis; empty without the monitor.
+    pub model: Vec<ModelStatus>,
     /// The running protocol; `null` if none runs.
     pub protocol: Option<ProtocolStatus>,
     /// The processes.
@@ -328,6 +332,8 @@ impl RigStatus {
                 cycles_missed: sample.cycles_missed,
             });
         }
+        let rate_hz = seen.samples.rate_hz().unwrap_or(f64::INFINITY);
+        self.model = seen.model.status(rate_hz);
         self.scanner = ScannerStatus::new(seen.pulses.newest.as_ref(), scan, seen.now_ns);
         for (process, rate_hz, _) in seen.fast() {
             if rate_hz.is_some() {

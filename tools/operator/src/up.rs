@@ -28,6 +28,8 @@ pub struct UpOptions {
     pub record: Option<PathBuf>,
     /// Serves the console's pages at this address; `None` for a rig without a console.
     pub console: Option<SocketAddr>,
+    /// Runs the declared model beside the machine.
+    pub monitor: bool,
     /// Timing profile; `None` for that of `FARREACH_PROFILE`, or else the one that suits the
     /// measured stalls of the host.
     pub profile: Option<Profile>,
@@ -158,8 +160,9 @@ fn config_of(
         (PROFILE_VARIABLE, chosen.map_or_else(String::new, |it| it.text().to_owned())),
     ];
     let console = options.console.and_then(|_| Process::Console.entry());
+    let monitor = options.monitor.then(|| Process::Monitor.entry()).flatten();
     let config = Config::new(options.rig_name.as_str(), run_dir, &options.executable)
-        .with_processes(processes_with(card.kind).chain(console));
+        .with_processes(processes_with(card.kind).chain(console).chain(monitor));
     Ok(variables
         .into_iter()
         .fold(config, |config, (name, value)| config.with_environment(name, value)))
@@ -200,6 +203,7 @@ mod tests {
             effects: Vec::new(),
             record: Some("run.mcap".into()),
             console: None,
+            monitor: false,
             profile: Some(Profile::BestEffort),
             executable: "/bin/farreach".into(),
         }

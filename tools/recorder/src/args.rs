@@ -125,6 +125,21 @@ pub enum Command {
         #[arg(long)]
         json: bool,
     },
+    /// The model beside the machine, once more along the samples: when the machine departed from
+    /// it, and whether the rows are those that were published live, to the last bit. Exit code 3
+    /// where they are not.
+    ///
+    /// Example: farreach rec innovations S07.mcap -o innovations.csv
+    Innovations {
+        /// The recording.
+        file: PathBuf,
+        /// Writes the innovations as CSV; the file must not exist.
+        #[arg(short, long, value_name = "CSV")]
+        out: Option<PathBuf>,
+        /// As JSON.
+        #[arg(long)]
+        json: bool,
+    },
     /// The sessions of an experiment: when each began and how it ended, mean torque, activity of
     /// the muscles, what it had to match, and how well a guided one followed its reference. Exit
     /// code 3 when a session is not whole, or samples of one are missing.

@@ -55,6 +55,7 @@ mod cat;
 mod edit;
 mod ended_sessions;
 mod export;
+mod innovations;
 mod inspect;
 mod mat;
 mod mat_file;
@@ -119,6 +120,9 @@ pub fn run_to(command: &Command, output: &mut dyn Write) -> anyhow::Result<i32> 
             let series = repetition.map(series);
             let files = volumes::Files { table: table.as_deref(), figure: figure.as_deref() };
             volumes::volumes(file, series, &files, *json, out)
+        }
+        Command::Innovations { file, out: table, json } => {
+            innovations::innovations(file, table.as_deref(), *json, out)
         }
         Command::Sessions { file, out: table, figure, json } => {
             sessions::sessions(file, table.as_deref(), figure.as_deref(), *json, out)

@@ -8,6 +8,7 @@
 //! same encoders. The whole selection is then run on it.
 
 use nalgebra::{Matrix2, Vector2};
+use plant::observer::BANDWIDTH_RAD_S;
 use plant::transmission::{Input, Transmission as _};
 use rand::{RngExt as _, SeedableRng as _};
 use rand_pcg::Pcg64Mcg;
@@ -19,9 +20,7 @@ use super::record::{Record, repeats, rms};
 use super::search::search;
 use super::search_result::SearchResult;
 use super::sensor_correction::{advanced, hand_torque, reading_of};
-use super::transmission_model::{
-    Channel, EffectGroups, OBSERVER_RAD_S, PlacedEffect, Setting, TransmissionModel,
-};
+use super::transmission_model::{Channel, EffectGroups, PlacedEffect, Setting, TransmissionModel};
 use super::validation::Validation;
 use crate::deadline::Deadline;
 
@@ -179,7 +178,7 @@ impl NullModel<'_> {
     /// undisturbed and one disturbed at each side.
     fn sizes(&mut self) -> Option<DisturbanceGains> {
         // The observer's stiffness: a torque of this size shows about unit innovation per radian.
-        let pull_nm = self.model.declared.slave_inertia_kg_m2() * OBSERVER_RAD_S * OBSERVER_RAD_S;
+        let pull_nm = self.model.declared.slave_inertia_kg_m2() * BANDWIDTH_RAD_S * BANDWIDTH_RAD_S;
         let probe: DisturbanceGains =
             [pull_nm / self.model.declared.motor_torque_per_volt_nm(), pull_nm];
         let mut alone = self.left([0.0; 2])?;

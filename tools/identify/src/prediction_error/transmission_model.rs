@@ -2,7 +2,8 @@
 
 use plant::coupled_axes::AXES;
 use plant::effects::{self, Effect, Moment, Site};
-use plant::transmission::{Correction, Input, Reading, Transmission as _};
+use plant::observer::{Innovation, Observer};
+use plant::transmission::{Input, Reading};
 use plant::transmission_kinds;
 use rig::Model as Declared;
 
@@ -23,18 +24,6 @@ pub const SLAVE_ZERO: &str = "slave_encoder_zero_rad";
 const SMOOTHING_RANGE: (f64, f64) = (0.003, 1.0);
 /// Starting points of the smoothing speed (rad/s).
 pub const SMOOTHING_STARTS: [f64; 2] = [0.05, 0.3];
-/// An observer error beyond this counts as divergence (rad).
-const DIVERGED_RAD: f64 = 1e3;
-/// Bandwidth of the observer (rad/s). A lower one would show slow effects with more contrast, but
-/// leaves a stick-slip model with two solutions from the same state, where fits stall.
-pub const OBSERVER_RAD_S: f64 = 150.0;
-/// Position gain of the observer as a factor on its bandwidth (twice the damping ratio).
-const OBSERVER_DAMPING: f64 = 1.4;
-
-/// Gain from the master's innovation to the position of a slave that is not observed (1/s). Without
-/// it, a slave that once stopped at a wrong place pulls at the master through the line for the rest
-/// of the record; a higher one hides what the model of the line lacks.
-const UNOBSERVED_SLAVE_PER_S: f64 = 30.0;
 
 /// A parameter of the declared model that a fit may vary.
 #[derive(Clone, Debug)]
@@ -362,7 +351,7 @@ impl TransmissionModel {
         let tables = setting.tables.iter().filter(|table| table.site != Site::Sensor);
         in_plant.extend(tables.map(|table| Box::new(table.clone()) as Box<dyn Effect>));
         in_plant.extend(beside);
-        let mut plant = self
+        let plant = self
             .constants(setting)?
             .plant(in_plant)
             .ok()?
@@ -375,15 +364,13 @@ impl TransmissionModel {
         let slave = record.slave.as_deref().map(|slave| advanced(slave, late));
         let slave = slave.as_deref();
         let zero = self.slave_zero_rad(setting);
-        plant.rest_at(master[0], slave.map(|slave| slave[0] - zero));
-        plant.set_time(record.start_s);
+        let mut observer = Observer::new(plant, record.step_s);
+        observer.rest_at(master[0], slave.map(|slave| slave[0] - zero));
+        observer.set_time(record.start_s);
 
         let (mut hand, torque) = hand_torque(record, &mut on_torque, &setting.tables);
         self.add_coupling(setting, &handle_coupling_kg_m2, &record.others, &mut hand);
         let hand = advanced(&hand, late);
-        let dt = record.step_s;
-        let (on_position, on_speed) =
-            (OBSERVER_DAMPING * OBSERVER_RAD_S * dt, OBSERVER_RAD_S * OBSERVER_RAD_S * dt);
         let (width, settling, rows) =
             (record.decimation(), record.settling_rows(), record.residual_rows());
         let mut master_rows = Vec::with_capacity(rows);
@@ -391,30 +378,19 @@ impl TransmissionModel {
         let (mut sums, share) = ([0.0; 2], 1.0 / width as f64);
         for block in 0..rows + settling {
             for row in block * width..(block + 1) * width {
-                let reading = plant.reading();
-                let mut master_off = master[row] - reading.master_rad;
-                let mut slave_off =
-                    slave.map_or(0.0, |slave| slave[row] - zero - reading.slave_rad);
+                let slave_rad = slave.map(|slave| slave[row] - zero);
+                let mut innovation = observer.innovation(master[row], slave_rad);
                 // These readings would come after the record's end.
                 if row >= known {
-                    (master_off, slave_off) = (0.0, 0.0);
+                    innovation = Innovation::none(slave.is_some());
                 }
-                // NaN counts as divergence.
-                if !(master_off.abs() < DIVERGED_RAD && slave_off.abs() < DIVERGED_RAD) {
+                if !innovation.is_bounded() {
                     return None;
                 }
-                sums[0] += master_off;
-                sums[1] += slave_off;
-                plant.correct(Correction {
-                    master_position_rad: on_position * master_off,
-                    master_velocity_rad_s: on_speed * master_off,
-                    slave_position_rad: match slave {
-                        Some(_) => on_position * slave_off,
-                        None => UNOBSERVED_SLAVE_PER_S * dt * master_off,
-                    },
-                    slave_velocity_rad_s: on_speed * slave_off,
-                });
-                plant.step(Input { motor_v: record.volts[row], hand_torque_nm: hand[row] }, dt);
+                sums[0] += innovation.master_rad;
+                sums[1] += innovation.slave_rad.unwrap_or(0.0);
+                let (motor_v, hand_torque_nm) = (record.volts[row], hand[row]);
+                observer.advance(innovation, Input { motor_v, hand_torque_nm });
             }
             if block >= settling {
                 master_rows.push(share * sums[0]);

@@ -70,6 +70,7 @@ fn options(arguments: &UpArguments, rig_name: &RigName) -> Result<UpOptions, Err
         effects: arguments.effects.clone(),
         record: arguments.record.clone(),
         console: arguments.console,
+        monitor: arguments.monitor,
         profile: arguments.profile,
         executable,
     })

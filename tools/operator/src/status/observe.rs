@@ -9,6 +9,7 @@ use ipc_types::{
 };
 use runtime::{PortError, Subscriber, clock::now_ns};
 
+use super::model::ModelReader;
 use crate::{Error, RigLink};
 
 /// Shortest observation: rates are measured over it.
@@ -54,6 +55,11 @@ impl<T: Message> Latest<T> {
         Self { reader, newest: None, span: Span::default() }
     }
 
+    /// Messages per second (Hz); `None` unless there were two.
+    pub(super) fn rate_hz(&self) -> Option<f64> {
+        self.span.rate_hz()
+    }
+
     fn begin(&mut self) {
         self.span = Span::default();
         self.newest = None;
@@ -74,6 +80,7 @@ pub(super) struct Observer {
     commands: Latest<MotorCommand>,
     pub(super) tokens: Latest<EnableToken>,
     pub(super) pulses: Latest<ScannerPulse>,
+    pub(super) model: ModelReader,
     timings: Vec<Latest<LoopTiming>>,
     heartbeats: Vec<Latest<Heartbeat>>,
     /// Of them those that every rig has.
@@ -105,6 +112,7 @@ impl Observer {
             commands: Latest::new(link.subscriber(COMMAND)?),
             tokens: Latest::new(link.subscriber(TOKEN)?),
             pulses: Latest::new(link.subscriber(SCANNER)?),
+            model: ModelReader::new(link)?,
             timings: timings
                 .map(|topic| Ok(Latest::new(link.subscriber(topic)?)))
                 .collect::<Result<_, Error>>()?,
@@ -184,6 +192,7 @@ impl Observer {
         self.timings.iter_mut().try_for_each(Latest::read)?;
         self.heartbeats.iter_mut().try_for_each(Latest::read)?;
         self.pulses.read()?;
+        self.model.read()?;
         while let Some(loss) = self.losses.take()? {
             match self.loss.iter_mut().find(|known| known.topic == loss.topic) {
                 Some(known) => *known = loss,

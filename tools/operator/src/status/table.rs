@@ -5,7 +5,9 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 use ipc_types::{GateCause, TripCause};
 use launch::RigState;
 
-use super::{LastTrip, ProcessStatus, ProtocolStatus, RigStatus, ScannerStatus, WatchdogStatus};
+use super::{
+    LastTrip, ModelStatus, ProcessStatus, ProtocolStatus, RigStatus, ScannerStatus, WatchdogStatus,
+};
 
 /// Returns the status as aligned text of at most `width` columns. The table of processes is 79
 /// columns wide as long as no counter outgrows its column; longer sentences are wrapped.
@@ -50,6 +52,7 @@ pub fn table(status: &RigStatus, now: SystemTime, width: usize) -> String {
     lines.extend(unhomed_line(&status.unhomed, rig::home_protocol(status.axes)));
     lines.extend(status.protocol.iter().flat_map(ProtocolStatus::lines));
     lines.extend(status.scanner.as_ref().map(ScannerStatus::line));
+    lines.extend(status.model.iter().map(ModelStatus::line));
     if let Some(recording) = &status.recording {
         lines.push(match &recording.file {
             Some(file) => {
