@@ -138,6 +138,7 @@ impl AxisMonitor {
     /// Ends a block.
     fn judge(&mut self) -> Verdict {
         self.energy = self.block.energy_less(self.calibration.shares());
+        let expected = self.calibration.expected(&self.block);
         if let Some((_, mut oldest)) = self.kept.pop_front() {
             std::mem::swap(&mut oldest, &mut self.block);
             self.block.clear();
@@ -147,7 +148,7 @@ impl AxisMonitor {
             self.learn();
             return Verdict::Steady;
         };
-        let verdict = self.detector.take(self.energy, &baseline);
+        let verdict = self.detector.take(self.energy, expected, &baseline);
         match verdict {
             Verdict::Steady => self.calibrate(baseline.deviation_rad),
             Verdict::Suspicious => {}
