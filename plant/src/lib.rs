@@ -49,6 +49,7 @@ pub mod reflected_dynamics;
 pub mod response;
 pub mod sensors;
 pub mod stability;
+pub mod thinning;
 pub mod transmission;
 pub mod transmission_kinds;
 

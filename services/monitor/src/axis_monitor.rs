@@ -16,8 +16,9 @@ use crate::sums::Sums;
 pub const BLOCK_ROWS: u32 = 125;
 /// Blocks from which the baseline is learnt: 20 s of movement.
 pub const LEARNING_BLOCKS: usize = 40;
-/// Blocks that are kept, from which the origin of a departure is found.
-const KEPT: usize = 40;
+/// Blocks that are kept: those of the baseline, later those in which the origin of a departure is
+/// found.
+const KEPT: usize = LEARNING_BLOCKS;
 /// Memory of the calibration (blocks): two minutes of movement.
 const MEMORY: f64 = 240.0;
 /// Slower, the master stands still (rad/s).
@@ -46,7 +47,6 @@ pub enum Seen<'a> {
 pub struct AxisMonitor {
     filter: RowFilter,
     bank: ObserverBank,
-    changes: Vec<Change>,
     block: Sums,
     calibration: Calibration,
     /// Tick of the row with which the block begins.
@@ -74,14 +74,12 @@ impl AxisMonitor {
         let rate_hz = rig.rates.acquisition_hz;
         let filter = RowFilter::new(at, axis.master.turns_per_handle_turn, rate_hz);
         let bank = ObserverBank::new(rig, axis, filter.step_s(rate_hz))?;
-        let changes: Vec<Change> = bank.changes().cloned().collect();
         let declared = |change: &&Change| matches!(change, Change::Parameter { .. });
-        let parameters = changes.iter().filter(declared).count();
-        let directions = changes.len();
+        let parameters = bank.changes().iter().filter(declared).count();
+        let directions = bank.changes().len();
         Ok(Self {
             filter,
             bank,
-            changes,
             block: Sums::new(directions),
             calibration: Calibration::new(parameters, directions, MEMORY),
             kept: (0..KEPT).map(|_| (0, Sums::new(directions))).collect(),
@@ -177,14 +175,14 @@ impl AxisMonitor {
 
     fn find_origin(&mut self, baseline: &Baseline) {
         let since = (self.detector.blocks() as usize).min(KEPT);
-        let mut sums = Sums::new(self.changes.len());
+        let mut sums = Sums::new(self.bank.changes().len());
         self.kept.iter().rev().take(since).for_each(|(_, block)| sums.add_sums(block));
         let shares = self.calibration.shares();
         if self.departed_tick == 0 {
             let first = self.kept.get(KEPT.saturating_sub(since));
             self.departed_tick = first.map_or(0, |(tick, _)| *tick);
         }
-        self.origin = origin(&sums, shares, &self.changes, baseline.deviation_rad);
+        self.origin = origin(&sums, shares, self.bank.changes(), baseline.deviation_rad);
     }
 
     /// The baseline; `None` while it is learnt.
@@ -224,7 +222,7 @@ impl AxisMonitor {
 
     /// Deviations of the declared parameters with their names, in tolerances.
     pub fn parameters(&self) -> impl Iterator<Item = (&str, f64)> {
-        let named = self.changes.iter().filter_map(|change| match change {
+        let named = self.bank.changes().iter().filter_map(|change| match change {
             Change::Parameter { name } => Some(name.as_str()),
             Change::Effect { .. } => None,
         });

@@ -73,7 +73,6 @@ pub enum BankError {
 /// One observer beside that of the declared model.
 #[derive(Clone, Debug)]
 struct Probe {
-    change: Change,
     observer: Observer,
     /// It diverged from the machine, and shows no direction any more.
     lost: bool,
@@ -99,6 +98,8 @@ pub struct Innovations {
 #[derive(Clone, Debug)]
 pub struct ObserverBank {
     declared: Observer,
+    /// What distinguishes each of the probes.
+    changes: Vec<Change>,
     probes: Vec<Probe>,
     begun: bool,
     averaged: usize,
@@ -132,10 +133,11 @@ impl ObserverBank {
             }
         }
         let declared = Observer::new(plant(None, None)?, step_s);
-        let mut probes = Vec::new();
+        let (mut changes, mut probes) = (Vec::new(), Vec::new());
         let mut add = |change: Change, plant: Plant| {
             let observer = Observer::new(plant, step_s);
-            probes.push(Probe { change, observer, lost: false, sums: [0.0; CHANNELS] });
+            changes.push(change);
+            probes.push(Probe { observer, lost: false, sums: [0.0; CHANNELS] });
         };
         for parameter in &model.parameters {
             let spread = parameter.spread();
@@ -173,6 +175,7 @@ impl ObserverBank {
         let directions = vec![[0.0; CHANNELS]; probes.len()];
         Ok(Self {
             declared,
+            changes,
             probes,
             begun: false,
             averaged: 0,
@@ -184,8 +187,8 @@ impl ObserverBank {
     }
 
     /// What distinguishes the observers from that of the declared model.
-    pub fn changes(&self) -> impl ExactSizeIterator<Item = &Change> {
-        self.probes.iter().map(|probe| &probe.change)
+    pub fn changes(&self) -> &[Change] {
+        &self.changes
     }
 
     /// Begins anew with the next row: rows are missing, or positions count from another zero.
@@ -202,11 +205,6 @@ impl ObserverBank {
     /// Acceleration of the modelled slave over the newest row (rad/s²).
     pub const fn slave_acceleration_rad_s2(&self) -> f64 {
         self.acceleration_rad_s2
-    }
-
-    /// The model of the machine.
-    pub const fn declared(&self) -> &Observer {
-        &self.declared
     }
 
     /// Takes a row; innovations each [`AVERAGED`] rows. `None` also where the declared model

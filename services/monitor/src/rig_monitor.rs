@@ -48,7 +48,6 @@ pub struct RigMonitor {
     /// Why axes are not monitored, by axis.
     blind: Vec<(usize, String)>,
     coupling: HandleCoupling,
-    coupled: bool,
     rate_hz: u64,
 }
 
@@ -78,13 +77,7 @@ impl RigMonitor {
         }
         let products = HandleCoupling::of_pairs(rig.axes.len(), &rig.model.handle_coupling);
         let coupling = products.unwrap_or_default();
-        Self {
-            axes,
-            blind,
-            coupled: !coupling.is_none(),
-            coupling,
-            rate_hz: u64::from(rig.rates.acquisition_hz),
-        }
+        Self { axes, blind, coupling, rate_hz: u64::from(rig.rates.acquisition_hz) }
     }
 
     /// What is told at the start: axes that are not monitored.
@@ -110,7 +103,8 @@ impl RigMonitor {
         publish: &mut dyn FnMut(Report) -> Result<(), E>,
     ) -> Result<(), E> {
         let mut accelerations = [0.0; AXES];
-        if self.coupled {
+        let coupled = !self.coupling.is_none();
+        if coupled {
             for (own, axis) in accelerations.iter_mut().zip(&self.axes) {
                 *own = axis.as_ref().map_or(0.0, |axis| axis.monitor.slave_acceleration_rad_s2());
             }
@@ -121,7 +115,7 @@ impl RigMonitor {
             let of_others = |(other, acceleration): (usize, &f64)| {
                 -self.coupling.between(at, other) * acceleration
             };
-            let torque_nm = if self.coupled { others.map(of_others).sum() } else { 0.0 };
+            let torque_nm = if coupled { others.map(of_others).sum() } else { 0.0 };
             axis.see(at, sample, torque_nm, publish)?;
             if sample.tick.saturating_sub(axis.told_tick) >= self.rate_hz {
                 publish(Report::State(axis.message(at, sample.tick)))?;
@@ -249,7 +243,7 @@ impl Watched {
 }
 
 /// `backlash@slave=0.02 rad, which explains 92 % of it`.
-pub fn in_words(origin: &Origin) -> String {
+fn in_words(origin: &Origin) -> String {
     let place = effects::entry(origin.id)
         .and_then(|entry| entry.sites.iter().find(|place| place.site == origin.site));
     let size = place.map_or_else(String::new, |place| {

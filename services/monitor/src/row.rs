@@ -3,10 +3,8 @@
 use std::collections::VecDeque;
 
 use ipc_types::Sample;
+use plant::thinning::{centred, held, samples_in_row};
 use plant::transmission::Input;
-
-/// Time between rows (s), about: what the model is simulated with.
-const PACE_S: f64 = 2e-3;
 
 /// One row.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -19,8 +17,6 @@ pub struct Row {
     pub slave_rad: Option<f64>,
     /// Motor voltage and torque of the hand during the row; without a torque cell, no torque.
     pub input: Input,
-    /// Whether the torque of the hand was measured.
-    pub torque_measured: bool,
 }
 
 /// What a sample gives.
@@ -63,7 +59,7 @@ impl RowFilter {
     /// For an axis whose motor turns `gear` times per turn of its measured position, with samples
     /// at this rate (Hz).
     pub fn new(axis: usize, gear: f64, rate_hz: u32) -> Self {
-        let every = ((PACE_S * f64::from(rate_hz) * (1.0 + 1e-6)) as usize).max(1);
+        let every = samples_in_row(1.0 / f64::from(rate_hz)).max(1);
         Self { axis, gear, every, waiting: VecDeque::with_capacity(2 * every + 2), begins: 0 }
     }
 
@@ -125,30 +121,19 @@ impl RowFilter {
             return None;
         }
         let of = |at: usize| self.waiting.get(at);
-        let held = |value: fn(&Reading) -> f64| {
-            (first..first + every).filter_map(of).map(value).sum::<f64>() / every as f64
-        };
-        // For an even number the two ends have half weight.
-        let about = |value: fn(&Reading) -> f64| match every {
-            1 => of(first).map_or(0.0, value),
-            _ => {
-                let outer = if every.is_multiple_of(2) { 0.5 } else { 1.0 };
-                let ends = [first - reach, first + reach].into_iter().filter_map(of).map(value);
-                let inner = (first + 1 - reach..first + reach).filter_map(of).map(value);
-                (inner.sum::<f64>() + outer * ends.sum::<f64>()) / every as f64
-            }
+        let mean = |value: fn(&Reading) -> f64| held(every, |at| of(first + at).map_or(0.0, value));
+        let about = |value: fn(&Reading) -> f64| {
+            centred(every, |off| of(first.saturating_add_signed(off)).map_or(0.0, value))
         };
         let head = of(first)?;
-        let torque_measured = (first..first + every).filter_map(of).all(|r| r.torque_nm.is_some());
         let row = Row {
             tick: head.tick,
             master_rad: about(|reading| reading.master_rad),
             slave_rad: head.slave_rad.map(|_| about(|reading| reading.slave_rad.unwrap_or(0.0))),
             input: Input {
-                motor_v: held(|reading| reading.volts),
-                hand_torque_nm: held(|reading| reading.torque_nm.unwrap_or(0.0)),
+                motor_v: mean(|reading| reading.volts),
+                hand_torque_nm: mean(|reading| reading.torque_nm.unwrap_or(0.0)),
             },
-            torque_measured,
         };
         // Those before the next row's beginning, less its reach, are not needed any more.
         self.waiting.drain(..first + every - reach);
@@ -196,7 +181,7 @@ mod tests {
             assert!((row.master_rad - 3e-3 * tick).abs() < 1e-12, "{row:?}");
             assert!((row.slave_rad.unwrap() - 2e-3 * tick).abs() < 1e-12, "{row:?}");
             let held = Input { motor_v: (row.tick / 4) as f64, hand_torque_nm: 0.5 };
-            assert_eq!((row.input, row.torque_measured), (held, true));
+            assert_eq!(row.input, held);
         }
     }
 

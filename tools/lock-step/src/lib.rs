@@ -230,7 +230,7 @@ impl LockStepRig {
         setpoint: Option<&Setpoint>,
         powered: bool,
     ) -> Result<CycleResult, LockStepError> {
-        self.cycle_seeing(setpoint, powered, &mut |_| {})
+        self.run_cycle(setpoint, powered, None)
     }
 
     /// As [`Self::cycle_with`]; `see` is called with every sample since the last cycle, as those
@@ -244,6 +244,15 @@ impl LockStepRig {
         powered: bool,
         see: &mut dyn FnMut(&Sample),
     ) -> Result<CycleResult, LockStepError> {
+        self.run_cycle(setpoint, powered, Some(see))
+    }
+
+    fn run_cycle(
+        &mut self,
+        setpoint: Option<&Setpoint>,
+        powered: bool,
+        see: Option<&mut dyn FnMut(&Sample)>,
+    ) -> Result<CycleResult, LockStepError> {
         let time_s = self.time_s();
         let scan_tick = self.next_tick();
         self.run_to(scan_tick - 1)?;
@@ -255,12 +264,13 @@ impl LockStepRig {
         }
         self.run_to(scan_tick)?;
         let now_ns = self.daq.now_ns();
-        // Cannot stay so: every tick produces a scan. The law would release the output.
-        let mut sample = Sample::default();
-        for scan in self.daq.read_due(now_ns)? {
-            sample = self.converter.convert(scan, &self.zeros);
-            see(&sample);
+        let scans = self.daq.read_due(now_ns)?;
+        let convert = |scan| self.converter.convert(scan, &self.zeros);
+        if let Some(see) = see {
+            scans.iter().map(convert).for_each(|sample| see(&sample));
         }
+        // There is one: every tick produces a scan. Without, the law would release the output.
+        let sample = scans.last().map_or_else(Sample::default, convert);
         let command = self.law.step(now_ns, &sample, setpoint, powered);
         // Written after the scan before the one at which it is to act.
         self.pending.push_back((self.tick + OUTPUT_DELAY_TICKS - 1, command.volts));

@@ -150,9 +150,8 @@ impl RequestHandler {
         self.retired.retain(|program| Arc::strong_count(program) > 1);
         self.retired.push(Arc::clone(&program));
         let current = Current::new(order, client, Arc::clone(&program));
-        let lost = current.lost_session(program.first_segment());
-        if lost.is_some_and(|event| self.link.events.push(event).is_err()) {
-            self.link.dropped.count();
+        if let Some(event) = current.lost_session(program.first_segment()) {
+            self.link.publish(event);
         }
         self.current = Some(current);
         (self.permission_lost, self.trouble) = (false, String::new());
@@ -378,9 +377,8 @@ impl RequestHandler {
         current.newest = changed.or(current.newest);
         if !current.maxima_saved && current.is_over() {
             current.maxima_saved = true;
-            let told = current.save_maxima(&self.learnt, &self.rig);
-            if told.is_some_and(|event| self.link.events.push(event).is_err()) {
-                self.link.dropped.count();
+            if let Some(event) = current.save_maxima(&self.learnt, &self.rig) {
+                self.link.publish(event);
             }
         }
         let kept = changed.is_some() || session_over;
@@ -431,10 +429,7 @@ impl RequestHandler {
 
     /// Has the loop publish an event.
     fn publish(&mut self, kind: EventKind, severity: Severity, text: &str) {
-        let event = Event::new(Process::Experiment, kind, severity, text);
-        if self.link.events.push(event).is_err() {
-            self.link.dropped.count();
-        }
+        self.link.publish(Event::new(Process::Experiment, kind, severity, text));
     }
 }
 

@@ -208,6 +208,15 @@ pub(super) struct RequestSide {
     pub(super) dropped: Dropped,
 }
 
+impl RequestSide {
+    /// Has the loop publish an event; one that finds no room is counted.
+    pub(super) fn publish(&mut self, event: Event) {
+        if self.events.push(event).is_err() {
+            self.dropped.count();
+        }
+    }
+}
+
 /// Creates both sides.
 pub(super) fn pair() -> (LoopSide, RequestSide) {
     let (order_in, order_out) = RingBuffer::new(ORDER_CAPACITY);

@@ -1,5 +1,6 @@
 //! Measured records of a transmission, checked and resampled.
 
+use plant::thinning::{centred, held, samples_in_row};
 use recording::record::jumps;
 
 use super::other_axes::{OtherAcceleration, OtherAxis, accelerations};
@@ -42,10 +43,6 @@ pub struct Record {
 
 /// Approximate rate of residual rows (Hz), to which innovations are averaged.
 const RESIDUAL_HZ: f64 = 250.0;
-/// Row interval of the simulation (s); finer records are decimated. With true parameters the error
-/// rises by 5 % at most over steps of 0.5 ms in most records, by 30 % in a few; with fitted
-/// parameters not at all.
-pub const PACE_S: f64 = 2e-3;
 /// Transient of the observer, left out at the start (s).
 pub const SETTLING_S: f64 = 0.2;
 /// Shortest record (s).
@@ -128,36 +125,30 @@ impl Record {
     /// axes, which are held between rows, by their means; positions by a centred average.
     #[must_use]
     pub fn thinned(self) -> Self {
-        let every = (PACE_S / self.step_s * (1.0 + 1e-6)) as usize;
+        let every = samples_in_row(self.step_s);
         if every < 2 {
             return self;
         }
-        let held = |column: &[f64]| -> Vec<f64> {
-            column.chunks_exact(every).map(|rows| rows.iter().sum::<f64>() / every as f64).collect()
+        let means = |column: &[f64]| -> Vec<f64> {
+            column.chunks_exact(every).map(|rows| held(every, |at| rows[at])).collect()
         };
         let about = |column: &[f64]| -> Vec<f64> {
             let at = |row: isize| column[row.clamp(0, column.len() as isize - 1) as usize];
-            let reach = every as isize / 2;
-            // For an even number the two ends have half weight.
-            let outer = if every.is_multiple_of(2) { 0.5 } else { 1.0 };
             (0..column.len() / every)
                 .map(|row| (row * every) as isize)
-                .map(|row| {
-                    let inner: f64 = (1 - reach..reach).map(|off| at(row + off)).sum();
-                    (inner + outer * (at(row - reach) + at(row + reach))) / every as f64
-                })
+                .map(|row| centred(every, |off| at(row + off)))
                 .collect()
         };
         let others = self
             .others
             .iter()
-            .map(|other| OtherAcceleration { axis: other.axis, rad_s2: held(&other.rad_s2) });
+            .map(|other| OtherAcceleration { axis: other.axis, rad_s2: means(&other.rad_s2) });
         Self {
             step_s: self.step_s * every as f64,
-            volts: held(&self.volts),
+            volts: means(&self.volts),
             master: about(&self.master),
             slave: self.slave.as_deref().map(about),
-            torque: self.torque.as_deref().map(held),
+            torque: self.torque.as_deref().map(means),
             others: others.collect(),
             ..self
         }

@@ -2,10 +2,11 @@
 //! orders, ranges.
 
 use plant::effects::search::RecordFeatures;
+use plant::thinning::PACE_S;
 use rayon::prelude::*;
 
 use super::dataset::{Dataset, Fitted};
-use super::record::{PACE_S, Record};
+use super::record::Record;
 use super::transmission_model::Channel;
 use crate::spectral::transform;
 
