@@ -1,5 +1,6 @@
 //! The calls of the command line: `start`, `stop`, `status`, `restart`.
 
+use std::collections::BTreeMap;
 use std::io::{BufRead, BufReader};
 use std::os::unix::net::UnixStream;
 use std::os::unix::process::CommandExt;
@@ -221,6 +222,28 @@ fn ask_to_stop(directory: &RunDir) -> Result<StopReport, Error> {
     // The launcher still holds the lock: a start right after this needs it gone.
     connection.wait_until_gone();
     Ok(report)
+}
+
+/// Sets variables for every process that starts from now on, and restarts these units: a rig goes
+/// on with another rig file while its card stays as it is.
+///
+/// # Errors
+/// If there is no launcher or no such unit, the rig is not up, or `launch.json` cannot be written.
+/// Nothing is then changed.
+pub fn change(
+    run_dir: &Path,
+    environment: BTreeMap<String, String>,
+    units: &[String],
+) -> Result<(), Error> {
+    let directory = RunDir::new(run_dir);
+    if !directory.is_held()? {
+        return Err(Error::NotUp { run_dir: run_dir.to_path_buf() });
+    }
+    let request = Request::Change { environment, units: units.to_vec() };
+    match Connection::open(&directory)?.ask(&request)? {
+        Answer::Done => Ok(()),
+        other => Err(unexpected(&other)),
+    }
 }
 
 /// Restarts one unit, also one that had been given up.

@@ -7,6 +7,7 @@
 //!                           (all stopped)     <- {"answer":"stopped","report":{...}}
 //! ```
 
+use std::collections::BTreeMap;
 use std::io::{self, Read, Write};
 use std::os::fd::{AsFd, BorrowedFd};
 use std::os::unix::net::{UnixListener, UnixStream};
@@ -22,7 +23,14 @@ use crate::status::{Status, StopReport};
 #[serde(tag = "request", rename_all = "snake_case")]
 pub(crate) enum Request {
     Status,
-    Restart { unit: String },
+    Restart {
+        unit: String,
+    },
+    /// Sets variables for every process that starts from now on, and restarts these units.
+    Change {
+        environment: BTreeMap<String, String>,
+        units: Vec<String>,
+    },
     Stop,
 }
 

@@ -37,7 +37,7 @@ mod status;
 mod supervisor;
 pub mod units;
 
-pub use client::{Running, restart, start, status, stop};
+pub use client::{Running, change, restart, start, status, stop};
 pub use config::Config;
 pub use error::{Error, StartError, StartFailure};
 pub use identity::{ProcessIdentity, boot_id};

@@ -2,6 +2,7 @@
 
 mod report;
 
+use std::collections::BTreeMap;
 use std::fs::File;
 use std::os::fd::{AsFd, OwnedFd};
 use std::os::unix::net::UnixStream;
@@ -389,19 +390,44 @@ impl Supervisor {
                     Answer::Done
                 }
                 Ok(Request::Restart { unit }) => self.restart(&unit),
+                Ok(Request::Change { environment, units }) => self.change(environment, &units),
             };
             self.control.answer(client, &answer);
         }
     }
 
+    /// Changes variables and restarts the units that are to see them. Nothing is changed where a
+    /// unit is unknown, the rig is not up, or the new configuration cannot be written down.
+    fn change(&mut self, environment: BTreeMap<String, String>, units: &[String]) -> Answer {
+        if let Some(unknown) = units.iter().find(|unit| self.index_of(unit).is_none()) {
+            return self.no_unit(unknown);
+        }
+        if self.lifecycle.phase() != RigState::Up {
+            let reason = "the rig is not up: it is being started or stopped".to_owned();
+            return Answer::Refused { reason };
+        }
+        let mut config = self.config.clone();
+        config.environment.extend(environment);
+        if let Err(error) = self.run_dir.write_json(&self.run_dir.launch_json(), &config) {
+            return Answer::Refused { reason: error.to_string() };
+        }
+        self.config = config;
+        self.journal.say(&format!("variables changed; restarting {}", units.join(", ")));
+        let answers = units.iter().map(|unit| self.restart(unit));
+        answers.fold(Answer::Done, |worst, answer| match worst {
+            Answer::Done => answer,
+            refused => refused,
+        })
+    }
+
+    fn no_unit(&self, name: &str) -> Answer {
+        let known: Vec<&str> = self.config.units.iter().map(|unit| unit.name.as_str()).collect();
+        let reason = format!("no unit `{name}`; there are: {}", known.join(", "));
+        Answer::Refused { reason }
+    }
+
     fn restart(&mut self, name: &str) -> Answer {
-        let Some(index) = self.index_of(name) else {
-            let known: Vec<&str> =
-                self.config.units.iter().map(|unit| unit.name.as_str()).collect();
-            return Answer::Refused {
-                reason: format!("no unit `{name}`; there are: {}", known.join(", ")),
-            };
-        };
+        let Some(index) = self.index_of(name) else { return self.no_unit(name) };
         let now = self.now();
         match self.lifecycle.restart(index, now) {
             Err(reason) => Answer::Refused { reason: reason.to_owned() },

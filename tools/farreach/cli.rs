@@ -50,6 +50,8 @@ enum Command {
     Operator(operator::command::Command),
     /// Compares the declared model with measured records and names the effects that it lacks
     Identify(Box<identify::Args>),
+    /// Tunes the control of a rig that is up, from its own recordings
+    Tune(tune::Args),
     /// Redraws the thesis's figures from the models, beside the published values
     Figures(figures::Args),
     /// Starts and stops recordings, inspects, verifies, repairs and exports them
@@ -96,6 +98,7 @@ pub(crate) fn run(cli: Cli) -> anyhow::Result<i32> {
             die_on_closed_pipe();
             identify::run(*arguments, &logger::revision())
         }
+        Command::Tune(arguments) => tune::run(&arguments, &cli.rig_name, &logger::revision()),
         Command::Figures(arguments) => {
             die_on_closed_pipe();
             figures::run(&arguments)
@@ -103,7 +106,7 @@ pub(crate) fn run(cli: Cli) -> anyhow::Result<i32> {
         Command::Rec(Rec::Live(command)) => operator::command::record(command, &cli.rig_name),
         Command::Rec(Rec::File(command)) => recorder::run(&command),
         Command::Probe(command) => probe::run(command, &cli.rig_name),
-        Command::Demo(arguments) => demo::run(arguments),
+        Command::Demo(arguments) => demo::run(arguments, &logger::revision()),
         Command::Service(service) => service::run(service, &cli.rig_name),
         Command::Completions { shell } => reference::completions(Cli::command(), shell),
         Command::Man { directory } => reference::man(Cli::command(), &directory),

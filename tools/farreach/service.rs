@@ -37,6 +37,9 @@ pub(crate) enum Service {
             hide_env_values = true
         )]
         effects: Vec<String>,
+        /// Rig file of the machine that is simulated, where it is not that of --rig
+        #[arg(long, value_name = "FILE", env = "FARREACH_MACHINE", hide_env_values = true)]
+        machine: Option<String>,
     },
     /// Reads the card, publishes samples, writes motor voltages through the gate
     #[command(
@@ -158,9 +161,10 @@ pub(crate) fn run(service: Service, rig_name: &RigName) -> anyhow::Result<i32> {
     match service {
         Service::Keeper => keeper::run(name)?,
         Service::Launcher { run_dir } => launch::launcher_main(&run_dir)?,
-        Service::Simulator { rig, effects } => {
+        Service::Simulator { rig, effects, machine } => {
             let effects: Vec<_> = effects.into_iter().filter(|effect| !effect.is_empty()).collect();
-            simulator::run(name, &rig.load()?, &effects).map_err(|error| match error {
+            let machine = given(machine).map_or(rig, |file| RigArgument { file });
+            simulator::run(name, &machine.load()?, &effects).map_err(|error| match error {
                 SimulatorError::Card(_) => usage(error),
                 other => other.into(),
             })?;

@@ -35,7 +35,7 @@ pub const PROTOCOLS: &[Shipped] = shipped!("protocols":
     "block-design", "circle", "demo", "emg-matching", "excitation", "force-field-adaptation",
     "force-fields", "force-matching", "free-movement", "friction-map", "guided-1hz", "home",
     "home-three-axes", "home-two-axes", "initialise", "learning", "learning-model-based", "mvc",
-    "steps", "three-axes",
+    "steps", "three-axes", "tuning-excitation",
 );
 
 /// The shipped protocol that homes a rig of so many axes.

@@ -10,6 +10,12 @@ const MARK: &str = ".farreach-demo";
 const RECORDING: &str = "run.mcap";
 const PAGE: &str = "report.html";
 const SUMMARY: &str = "summary.json";
+const BEFORE: &str = "before.mcap";
+const EXCITATION: &str = "excitation.mcap";
+const AFTER: &str = "after.mcap";
+const RIG: &str = "rig.toml";
+/// All of them.
+const RESULTS: [&str; 7] = [RECORDING, PAGE, SUMMARY, BEFORE, EXCITATION, AFTER, RIG];
 
 /// A folder that is ready for a run.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -74,6 +80,31 @@ impl Folder {
         self.0.join(SUMMARY)
     }
 
+    /// `before.mcap`: the movement with the control as it is.
+    pub fn before(&self) -> PathBuf {
+        self.0.join(BEFORE)
+    }
+
+    /// `excitation.mcap`.
+    pub fn excitation(&self) -> PathBuf {
+        self.0.join(EXCITATION)
+    }
+
+    /// `after.mcap`: the movement with the rig file proposed.
+    pub fn after(&self) -> PathBuf {
+        self.0.join(AFTER)
+    }
+
+    /// `rig.toml`, the rig file proposed.
+    pub fn rig_file(&self) -> PathBuf {
+        self.0.join(RIG)
+    }
+
+    /// All of them.
+    pub fn files(&self) -> Vec<PathBuf> {
+        RESULTS.iter().map(|name| self.0.join(name)).collect()
+    }
+
     /// Whether the logger was restarted and wrote a second part, which the demo never causes.
     pub fn further_parts(&self) -> bool {
         self.0.join("run.part2.mcap").exists()
@@ -82,8 +113,7 @@ impl Folder {
 
 fn is_result(name: &str) -> bool {
     let part = name.strip_prefix("run.part").and_then(|rest| rest.strip_suffix(".mcap"));
-    [RECORDING, PAGE, SUMMARY].contains(&name)
-        || part.is_some_and(|number| number.parse::<u32>().is_ok())
+    RESULTS.contains(&name) || part.is_some_and(|number| number.parse::<u32>().is_ok())
 }
 
 #[cfg(test)]

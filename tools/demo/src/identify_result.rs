@@ -43,17 +43,6 @@ impl IdentifyResult {
         serde_json::to_value(outcome).ok()
     }
 
-    /// Returns one line for the terminal.
-    pub(crate) fn line(&self) -> Option<String> {
-        match self {
-            Self::Completed { outcome, sentence, .. } => {
-                Some(format!("{sentence} ({:.0} s)", outcome.seconds))
-            }
-            Self::Failed(reason) => Some(format!("could not be run: {reason}")),
-            Self::Skipped => None,
-        }
-    }
-
     /// Adds the section on identification to the page.
     pub(crate) fn section(&self, page: Page) -> Page {
         match self {

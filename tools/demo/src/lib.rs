@@ -47,8 +47,10 @@
 //! Whatever happens, Ctrl-C included, the rig is brought down and its shared memory removed.
 
 pub mod analysis;
+mod closed_loop;
 mod display_unit;
 mod folder;
+mod hidden_effect;
 mod identify_result;
 mod page;
 mod run;
@@ -57,8 +59,9 @@ mod summary;
 mod tables;
 mod terminal;
 
+pub use closed_loop::{ClosedLoop, ClosedLoopSummary, Naming};
 pub use folder::Folder;
+pub use hidden_effect::draw;
 pub use identify_result::IdentifyResult;
-pub use page::page;
 pub use run::{Args, run};
 pub use summary::{Outcome, Summary};

@@ -7,8 +7,9 @@ use rig::RigFile;
 
 use crate::analysis::{Analysis, Model, Outage, Trace, master, slave, unpowered_spans};
 use crate::display_unit::DisplayUnit;
+use crate::run::Run;
 use crate::tables::{events, tables};
-use crate::{IdentifyResult, Outcome, Summary};
+use crate::{Outcome, Summary};
 
 /// Wide figures, CSS pixels.
 const WIDTH: u32 = 860;
@@ -17,27 +18,30 @@ const WIDTH: u32 = 860;
 ///
 /// # Errors
 /// Where a figure cannot be drawn.
-pub fn page(
+pub(crate) fn page(
     analysis: &Analysis,
     summary: &Summary,
     outcome: &Outcome,
-    identify_result: &IdentifyResult,
+    run: &Run,
     rig: &RigFile,
 ) -> anyhow::Result<String> {
     let shown = DisplayUnit::of(rig);
     let json = serde_json::to_string_pretty(summary).unwrap_or_default();
     let mut page = Page::new(format!("farreach demo: {}", rig.name))
         .subtitle(&subtitle(analysis, summary, rig))
-        .verdict(tone(analysis, outcome), &sentence(analysis, outcome), &detail(analysis, outcome))
-        .heading("The run")
-        .figure(&overview(analysis, &shown), OVERVIEW);
+        .verdict(tone(analysis, outcome), &sentence(analysis, outcome), &detail(analysis, outcome));
+    if let Some(sentence) = run.closed_loop.sentence(run.hidden.as_deref()) {
+        page = page.paragraph(&sentence);
+    }
+    page = run.closed_loop.section(run.identified.section(page));
+    page = page.heading("Killed in mid-movement").figure(&overview(analysis, &shown), OVERVIEW);
     for (index, outage) in analysis.outages.iter().enumerate() {
         page = self::outage(page, analysis, outage, index, &shown);
     }
     if let Some(model) = &analysis.model {
         page = self::model(page, model, summary, &shown);
     }
-    tables(identify_result.section(page), analysis, summary)
+    tables(page, analysis, summary)
         .details("Events, in order", &events(&analysis.trace))
         .details("summary.json", &json)
         .footer(&format!(

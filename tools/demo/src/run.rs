@@ -1,7 +1,6 @@
 //! Runs the demo: from the command line to the recording, the page and the summary.
 
 use std::path::PathBuf;
-use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
@@ -14,10 +13,13 @@ use rig::{load_protocol, load_rig};
 use runtime::RigName;
 
 use crate::analysis::{Analysis, Kill, Trace, analyse};
+use crate::closed_loop::{ClosedLoop, Closing, Movements};
 use crate::folder::Folder;
+use crate::hidden_effect::draw;
+use crate::page::page;
 use crate::session::{Interrupted, Session};
 use crate::terminal::Terminal;
-use crate::{IdentifyResult, Outcome, Summary, page};
+use crate::{IdentifyResult, Outcome, Summary};
 
 /// Shortest guided movement with room for two kills and what follows them (s).
 const SHORTEST_S: f64 = 14.0;
@@ -30,34 +32,41 @@ const SIGNALS: [i32; 3] =
 /// When within the guided movement the kills come, as a part of it.
 const KILLS: [(Process, f64); 2] = [(Process::Control, 0.15), (Process::Acquisition, 0.35)];
 
-/// Brings the simulated rig up, moves it, kills two of its processes, and shows what came of it.
+/// Brings a simulated rig up whose machine has an effect that no model is told of, moves it, kills
+/// two of its processes, finds the effect in the recording, adds it to the model, and tunes the
+/// control by it.
 ///
-/// A guided movement of 1 Hz and a short excitation are played and recorded. In mid-movement
-/// control is killed with SIGKILL, later acquisition; each time the motor loses power, the launcher
-/// starts the process again, the operator's verbs (reset, arm, enable) bring power back, and the
-/// protocol, which the trip ended, is started anew. Then the declared model is compared with the
-/// recording, and `farreach identify` reports which effect it lacks, or that nothing is missing.
-/// Needs no root, no systemd and no hardware; nothing is left running.
+/// In the middle of a guided movement control is killed with SIGKILL, later acquisition; each time
+/// the motor loses power, the launcher starts the process again, the operator's verbs (reset, arm,
+/// enable) bring power back, and the protocol, which the trip ended, is started anew. Then a
+/// movement and an excitation are recorded, `farreach identify` reports what the declared model
+/// lacks, a rig file with that effect and the control that follows best with it is written, the rig
+/// goes on with this file, and the movement is played again: errors of model and handle before and
+/// after, on one page. Needs no root, no systemd and no hardware; nothing is left running.
 #[derive(Clone, Debug, clap::Args)]
-#[command(after_help = "Examples:\n  farreach demo\n  farreach demo --out /tmp/demo --effect \
-        backlash@slave=0.05\n\n\
-    Writes run.mcap, report.html and summary.json. Exit codes: 0 all requirements met, 1 a \
+#[command(after_help = "Examples:\n  farreach demo\n  farreach demo --seed 7 --out /tmp/demo\n  \
+        farreach demo --effect backlash@slave=0.05\n\n\
+    Writes report.html, summary.json, run.mcap, before.mcap, excitation.mcap, after.mcap and \
+    rig.toml. Exit codes: 0 all requirements met, 1 a \
     requirement was not met or the run failed, 2 usage, 3 data was lost")]
 pub struct Args {
     /// Folder for the results; those of an earlier demo are replaced, nothing else is
     #[arg(long, value_name = "DIR", default_value = "farreach-demo")]
     pub out: PathBuf,
-    /// Length of the guided movement in s, from 14 on; 22 unless given
+    /// Length of the guided movement in s, from 14 on; 14 unless given
     #[arg(long, value_name = "N", value_parser = seconds)]
     pub seconds: Option<f64>,
-    /// Adds an effect to the simulated plant that the declared model lacks
-    #[arg(long, value_name = "ID[@SITE][=SIZE]|none", default_value = "none")]
-    pub effect: String,
+    /// The effect that is hidden in the simulated machine, in place of one that is drawn
+    #[arg(long, value_name = "ID[@SITE][=SIZE]|none")]
+    pub effect: Option<String>,
+    /// Draws the hidden effect and its size; the time of day, unless given
+    #[arg(long, value_name = "N", conflicts_with = "effect")]
+    pub seed: Option<u64>,
     /// Rig file, or the name of one that comes with farreach; its model must be one that can be
     /// simulated
     #[arg(long, value_name = "FILE|NAME", default_value = "hydrostatic")]
     pub rig: PathBuf,
-    /// Leaves out the identification at the end, which takes a minute or more
+    /// Leaves out all that follows the kills: nothing is hidden, identified or tuned
     #[arg(long)]
     pub no_identify: bool,
 }
@@ -78,32 +87,26 @@ fn seconds(text: &str) -> Result<f64, String> {
 ///
 /// # Errors
 /// When the run could not be made: what is wrong with the files, which process did not come up.
-pub fn run(args: Args) -> anyhow::Result<i32> {
+pub fn run(args: Args, revision: &str) -> anyhow::Result<i32> {
     let begun = Instant::now();
-    let effect = match args.effect.as_str() {
-        "none" | "" => None,
-        text => match plant::effects::parse(text) {
-            Ok(effect) => Some(full_name(effect.as_ref())),
-            Err(error) => {
-                eprintln!("farreach: --effect: {error}");
-                return Ok(operator::USAGE);
-            }
-        },
+    let hidden = match hidden(&args) {
+        Ok(hidden) => hidden,
+        Err(error) => {
+            eprintln!("farreach: --effect: {error}");
+            return Ok(operator::USAGE);
+        }
     };
-    let effect = effect.as_deref();
+    let effect = hidden.as_deref();
     let rig = load_rig(&args.rig)?;
     let protocol = protocol(args.seconds)?;
     protocol.check_against(&rig)?;
+    let movements = Movements::load(&rig)?;
     let folder = Folder::prepare(&args.out)?;
     let stop = runtime::stop_on(&SIGNALS)?;
     let terminal = Terminal::new();
-    if let Some(effect) = effect {
-        terminal.print(&format!(
-            "effect in the simulated plant and not in the declared model: {effect}"
-        ));
-    }
-    let kills = match run_session(&args, effect, &protocol, &folder, &terminal, &stop) {
-        Ok(kills) => kills,
+    let plan = Plan { args: &args, protocol: &protocol, movements: &movements, folder: &folder };
+    let run = match run_session(&plan, effect, revision, &terminal, &stop) {
+        Ok(run) => run,
         Err(error) if error.is::<Interrupted>() => {
             terminal
                 .warn("interrupted: the rig is down, nothing is left running; no report was made");
@@ -119,54 +122,61 @@ pub fn run(args: Args) -> anyhow::Result<i32> {
     };
     terminal.progress("reading the recording, running the declared model");
     let trace = Trace::read(&folder.recording())?;
-    let analysis = analyse(trace, &kills, &rig)?;
+    let analysis = analyse(trace, &run.kills, &rig)?;
     let mut outcome = Outcome::of(&analysis);
     if folder.further_parts() {
         outcome =
             outcome.with_lost("the logger was restarted: the recording is in parts".to_owned());
     }
-    let results = |identify_result: &IdentifyResult| -> anyhow::Result<(Summary, Vec<String>)> {
-        let summary = Summary::new(&analysis, effect).with_identify(identify_result);
-        let html = page(&analysis, &summary, &outcome, identify_result, &rig)?;
-        let json = serde_json::to_string_pretty(&summary)? + "\n";
-        let unwritten = [(folder.page(), html), (folder.summary(), json)]
-            .into_iter()
-            .filter_map(|(path, text)| write(&path, &text).err())
-            .map(|error| format!("{error:#}"))
-            .collect();
-        Ok((summary, unwritten))
-    };
-    // Written once before identification, which takes a minute or more, and again after it.
-    let mut identify_result = IdentifyResult::Skipped;
-    let (mut summary, mut unwritten) = results(&identify_result)?;
-    if !args.no_identify {
-        terminal.progress(
-            "identify: what does the declared model lack? A minute or more; Ctrl-C ends it",
-        );
-        end_at_once_on_signals()?;
-        identify_result = IdentifyResult::of(&folder.recording(), &rig);
-        (summary, unwritten) = results(&identify_result)?;
-    }
+    let summary = Summary::new(&analysis, effect)
+        .with_identify(&run.identified)
+        .with_closed_loop(&run.closed_loop, effect);
+    let html = page(&analysis, &summary, &outcome, &run, &rig)?;
+    let json = serde_json::to_string_pretty(&summary)? + "\n";
+    let unwritten = [(folder.page(), html), (folder.summary(), json)]
+        .into_iter()
+        .filter_map(|(path, text)| write(&path, &text).err())
+        .map(|error| format!("{error:#}"));
     // On a full disk the page cannot be written either; the numbers are still printed.
-    outcome = unwritten.into_iter().fold(outcome, Outcome::with_lost);
-    print_summary(&terminal, &analysis, &summary, &outcome, &identify_result);
+    outcome = unwritten.fold(outcome, Outcome::with_lost);
+    print_summary(&terminal, &analysis, &summary, &outcome, &run);
     // What could not be written is named above.
-    for file in [folder.recording(), folder.page(), folder.summary()] {
-        if file.exists() {
-            terminal.print(&file.display().to_string());
-        }
+    for file in folder.files().into_iter().filter(|file| file.exists()) {
+        terminal.print(&file.display().to_string());
     }
     terminal.print(&format!("{:.0} s in all", begun.elapsed().as_secs_f64()));
     Ok(outcome.exit_code())
 }
 
-/// Lets a signal end the process at once: the rig is down, nothing is left to clean up.
-fn end_at_once_on_signals() -> anyhow::Result<()> {
-    for signal in SIGNALS {
-        let at_once = Arc::new(AtomicBool::new(true));
-        signal_hook::flag::register_conditional_shutdown(signal, operator::FAILED, at_once)?;
+/// The effect that is hidden, as `ID@SITE=SIZE`; `None` for none.
+fn hidden(args: &Args) -> Result<Option<String>, plant::effects::EffectError> {
+    match args.effect.as_deref() {
+        Some("none" | "") => Ok(None),
+        Some(text) => plant::effects::parse(text).map(|effect| Some(full_name(effect.as_ref()))),
+        None if args.no_identify => Ok(None),
+        None => {
+            let seed = args.seed.unwrap_or_else(|| runtime::clock::now_ns() / 1_000_000_000);
+            println!("an effect is hidden in the machine, drawn with --seed {seed}");
+            Ok(Some(draw(seed)))
+        }
     }
-    Ok(())
+}
+
+/// What is played, and where to.
+struct Plan<'a> {
+    args: &'a Args,
+    protocol: &'a Protocol,
+    movements: &'a Movements,
+    folder: &'a Folder,
+}
+
+/// What the demo did, beside what is in its first recording.
+pub(crate) struct Run {
+    kills: Vec<Kill>,
+    /// What the effect was that was hidden (`ID@SITE=SIZE`).
+    pub(crate) hidden: Option<String>,
+    pub(crate) identified: IdentifyResult,
+    pub(crate) closed_loop: ClosedLoop,
 }
 
 /// `ID@SITE=SIZE`, with the site and the size that were taken where none was given.
@@ -226,21 +236,22 @@ impl Drop for Guard {
     }
 }
 
-/// Brings the rig up, plays the protocol with its kills, and brings the rig down.
+/// Brings the rig up, plays the protocol with its kills, closes the loop, and brings the rig down.
 fn run_session(
-    args: &Args,
+    plan: &Plan<'_>,
     effect: Option<&str>,
-    protocol: &Protocol,
-    folder: &Folder,
+    revision: &str,
     terminal: &Terminal,
     stop: &AtomicBool,
-) -> anyhow::Result<Vec<Kill>> {
+) -> anyhow::Result<Run> {
+    let (args, folder) = (plan.args, plan.folder);
     let name: RigName = format!("demo-{}", std::process::id()).parse()?;
     let options = UpOptions {
         rig_name: name.clone(),
         rig: args.rig.clone(),
         card: Some(CardOptions::of(CardKind::Simulated)),
         effects: effect.iter().map(|effect| (*effect).to_owned()).collect(),
+        machine: None,
         record: Some(folder.recording()),
         console: None,
         monitor: false,
@@ -267,10 +278,16 @@ fn run_session(
         );
     }
     let mut session = Session::open(&up, terminal, stop)?;
-    let done = session.play(protocol, &kill_times(protocol)?)?;
+    let done = session.play(plan.protocol, &kill_times(plan.protocol)?)?;
     let written = session.finish()?;
-    drop(session);
     terminal.print(&format!("recording ended, {written} messages"));
+    let (mut identified, mut closed_loop) = (IdentifyResult::Skipped, ClosedLoop::Skipped);
+    if !args.no_identify {
+        let movements = plan.movements;
+        let closing = Closing { up: &up, folder, terminal, movements, revision };
+        closed_loop = closing.close(&mut session, &mut identified)?;
+    }
+    drop(session);
     terminal.progress("stopping all processes");
     let down = guard.down()?;
     if down.cleaning == Cleaning::InUse {
@@ -292,7 +309,7 @@ fn run_session(
             done.unprovoked.len()
         ));
     }
-    Ok(done.kills)
+    Ok(Run { kills: done.kills, hidden: effect.map(str::to_owned), identified, closed_loop })
 }
 
 /// Prints the results.
@@ -301,7 +318,7 @@ fn print_summary(
     analysis: &Analysis,
     summary: &Summary,
     outcome: &Outcome,
-    identify_result: &IdentifyResult,
+    run: &Run,
 ) {
     let mut lines = vec![String::new()];
     let rates: Vec<String> = summary.command_hz.iter().map(|hz| format!("{hz:.2}")).collect();
@@ -347,7 +364,7 @@ fn print_summary(
             channels.map(|c| format!("{} {:.4} {}", c.name, c.error, c.unit)).collect();
         lines.push(format!("model       rms error, free-running: {}", errors.join(", ")));
     }
-    lines.extend(identify_result.line().map(|line| format!("identify    {line}")));
+    lines.extend(run.closed_loop.lines(run.hidden.as_deref()));
     lines.push(String::new());
     let busy = match analysis.unprovoked.len() {
         0 => "",
@@ -385,7 +402,7 @@ mod tests {
             assert_eq!(victims.len(), 2);
             // A kill ends the protocol, which then starts again: each kill needs only its own place
             // in the guided movement, after its fade-in and with time to wait for movement.
-            let guided = seconds.unwrap_or(22.0);
+            let guided = seconds.unwrap_or(14.0);
             for (process, at) in victims {
                 assert!(at > 2.0 && at + 4.0 < 1.0 + guided, "{process} at {at} s of {seconds:?}");
             }

@@ -1,6 +1,8 @@
 //! The operator's part of the demo: verbs, protocol, kills.
 
+use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::RecvTimeoutError;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context as _, bail};
@@ -247,6 +249,39 @@ impl<'a> Session<'a> {
                 bail!("the experiment process refused the protocol: {}", begun.error);
             }
             self.power()?;
+        }
+    }
+
+    /// Plays a protocol to its end into a recording of its own, and takes power away.
+    pub(crate) fn record(&mut self, protocol: &Protocol, file: &Path) -> anyhow::Result<()> {
+        let path = file.to_str().context("expected a path in UTF-8")?.to_owned();
+        let begun = self.link.logger(&LoggerRequest::Start { path, metadata: Vec::new() })?;
+        if !begun.error.is_empty() {
+            bail!("the logger reports: {}", begun.error);
+        }
+        let played = self.play(protocol, &[]);
+        self.finish()?;
+        played.map(|_| ())
+    }
+
+    /// Runs a computation in a thread of its own. An interruption does not wait for it: the process
+    /// ends once the rig is down.
+    pub(crate) fn compute<T: Send + 'static>(
+        &self,
+        computation: impl FnOnce() -> T + Send + 'static,
+    ) -> anyhow::Result<T> {
+        let (sender, done) = std::sync::mpsc::channel();
+        std::thread::Builder::new().name("computation".to_owned()).spawn(move || {
+            // Nobody waits for it after an interruption.
+            let _unwanted = sender.send(computation());
+        })?;
+        loop {
+            match done.recv_timeout(POLL_PERIOD) {
+                Ok(result) => return Ok(result),
+                Err(RecvTimeoutError::Timeout) if !self.stop.load(Ordering::Relaxed) => {}
+                Err(RecvTimeoutError::Timeout) => return Err(Interrupted.into()),
+                Err(RecvTimeoutError::Disconnected) => bail!("the computation came to no end"),
+            }
         }
     }
 

@@ -6,6 +6,7 @@ use ipc_types::Process;
 use serde::Serialize;
 
 use crate::analysis::{Analysis, OfLoops, Percentiles};
+use crate::closed_loop::{ClosedLoop, ClosedLoopSummary};
 use crate::identify_result::IdentifyResult;
 
 /// The results of one run. Their names and meaning are an interface to other programs.
@@ -46,6 +47,9 @@ pub struct Summary {
     /// As `farreach identify --json`, of this recording; null where it was left out or could not be
     /// run.
     pub identify: Option<serde_json::Value>,
+    /// The loop closed on the rig: what was found, tracking error before and after; null where it
+    /// was left out or could not be closed.
+    pub closed_loop: Option<ClosedLoopSummary>,
     /// Why it could not be run; null where it was, or was left out.
     pub identify_refused: Option<String>,
 }
@@ -78,8 +82,15 @@ impl Summary {
             recording_bytes: analysis.trace.bytes,
             model_error: analysis.model.as_ref().map(|model| model.errors()).unwrap_or_default(),
             identify: None,
+            closed_loop: None,
             identify_refused: None,
         }
+    }
+
+    /// With how the loop was closed, `hidden` in it the effect that was hidden.
+    #[must_use]
+    pub fn with_closed_loop(self, closed_loop: &ClosedLoop, hidden: Option<&str>) -> Self {
+        Self { closed_loop: closed_loop.summary(hidden), ..self }
     }
 
     /// With what identify says of the recording.

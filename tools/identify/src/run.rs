@@ -80,7 +80,7 @@ pub fn run(args: Args, revision: &str) -> anyhow::Result<i32> {
     }
     let mut code = 0;
     if let Some(path) = &args.write_rig {
-        let provenance = Provenance { date: today(), revision: revision.to_owned() };
+        let provenance = Provenance::today(revision);
         match write_rig(path, &rig, (&outcome, &provenance), &mut told) {
             Ok(wrote) => code = wrote,
             Err(error) => failed = failed.or(Some(error)),
@@ -187,12 +187,6 @@ fn write_rig(
     }
     told.extend(written.left_out.iter().map(|what| format!("not written: {what}")));
     Ok(0)
-}
-
-/// Today's date (UTC).
-fn today() -> String {
-    let now = humantime::format_rfc3339_seconds(std::time::SystemTime::now()).to_string();
-    now.split('T').next().unwrap_or_default().to_owned()
 }
 
 /// Writes a new file completely or not at all; an existing one is an error.

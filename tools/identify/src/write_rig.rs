@@ -139,6 +139,15 @@ pub struct Provenance {
     pub revision: String,
 }
 
+impl Provenance {
+    /// Written today (UTC) by a program of this revision.
+    pub fn today(revision: &str) -> Self {
+        let now = humantime::format_rfc3339_seconds(std::time::SystemTime::now()).to_string();
+        let date = now.split('T').next().unwrap_or_default().to_owned();
+        Self { date, revision: revision.to_owned() }
+    }
+}
+
 /// First words of the lines at the top of a file that tell where its fitted values come from.
 const PROVENANCE: [&str; 4] =
     ["# Fitted by `farreach identify`", "#   to fit: ", "#   to select: ", "#   to report: "];

@@ -165,7 +165,8 @@ impl ChosenProtocol {
         })
     }
 
-    fn of(protocol: Protocol) -> Self {
+    /// A protocol as it is, without a subject, its pulses from the scanner's line.
+    pub fn of(protocol: Protocol) -> Self {
         Self {
             protocol,
             client: client_number(),

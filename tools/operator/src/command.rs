@@ -167,6 +167,10 @@ pub struct UpArguments {
     /// effect's own unit (repeatable)
     #[arg(long = "effect", value_name = "ID[@SITE][=SIZE]", requires = "simulate")]
     pub effects: Vec<String>,
+    /// Simulates the machine of this rig file in place of that of --rig, which stays what control
+    /// and models know
+    #[arg(long, value_name = "FILE|NAME", requires = "simulate")]
+    pub machine: Option<PathBuf>,
     /// Replays a measured record (MCAP or CSV) in place of a card
     #[arg(long, value_name = "RECORD")]
     pub replay: Option<PathBuf>,

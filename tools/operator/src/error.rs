@@ -40,6 +40,40 @@ pub enum Error {
     /// The simulated card refused a fault.
     #[error("{0}")]
     Fault(String),
+    /// The machine that is to be simulated has other axes or rates than the rig.
+    #[error(
+        "{file}: expected a machine with {expected}, as the rig file has them; found {found}; \
+         give a rig file with the same"
+    )]
+    Machine {
+        /// Its rig file.
+        file: String,
+        /// Axes and rates of the rig.
+        expected: String,
+        /// Its own.
+        found: String,
+    },
+    /// The rig file differs from that of the running rig in what cannot change while it is up.
+    #[error(
+        "{file}: differs in `{part}` from the file with which the rig was brought up, and only \
+         gains, options of the control and the model may change while it is up; bring it down, and \
+         up again with this file"
+    )]
+    RigFileDiffers {
+        /// The file.
+        file: String,
+        /// The part.
+        part: &'static str,
+    },
+    /// Processes that were started again with another rig file are not ready.
+    #[error(
+        "of the processes {units}, started again with another rig file, one is not ready; see \
+        `farreach status` and its log"
+    )]
+    NotRestarted {
+        /// All that were started again.
+        units: String,
+    },
     /// The card cannot be opened.
     #[error(transparent)]
     Card(#[from] acquisition::CardError),

@@ -11,7 +11,7 @@ use runtime::realtime::{self, PROFILE_VARIABLE};
 use runtime::{Domain, HostStall, RigName, Timeouts};
 
 use crate::Error;
-use crate::saved_rig_file::keep_copy;
+use crate::saved_rig_file::{MACHINE, RIG, keep_copy};
 
 /// What to bring up.
 #[derive(Clone, Debug)]
@@ -24,6 +24,9 @@ pub struct UpOptions {
     pub card: Option<CardOptions>,
     /// Effects in the plant of the simulated card that no model is told of (`ID[@SITE][=SIZE]`).
     pub effects: Vec<String>,
+    /// Rig file of the machine that the simulated card simulates, where it is not `rig`: a path,
+    /// or the name of a shipped one. No model is told of it.
+    pub machine: Option<PathBuf>,
     /// Records from the start into this file.
     pub record: Option<PathBuf>,
     /// Serves the console's pages at this address; `None` for a rig without a console.
@@ -104,21 +107,49 @@ struct Prepared {
     card: CardKind,
 }
 
+/// The machine that is simulated, checked against the rig file that all others read.
+fn machine_of(options: &UpOptions, rig: &RigFile) -> Result<Option<RigFile>, Error> {
+    let Some(asked) = &options.machine else { return Ok(None) };
+    let machine = rig::load_rig(asked)?;
+    let told = |rig: &RigFile| {
+        let units: Vec<&str> = rig.axes.iter().map(|axis| axis.unit.symbol()).collect();
+        let rates = rig.rates;
+        format!(
+            "axes in {}, acquired at {} Hz and controlled at {} Hz",
+            units.join(", "),
+            rates.acquisition_hz,
+            rates.control_hz
+        )
+    };
+    let (expected, found) = (told(rig), told(&machine));
+    if expected != found {
+        let file = machine.file_name().to_owned();
+        return Err(Error::Machine { file, expected, found });
+    }
+    Ok(Some(machine))
+}
+
 impl Prepared {
     fn new(options: &UpOptions) -> Result<Self, Error> {
         let rig = rig::load_rig(&options.rig)?;
         let card = options.card.as_ref().ok_or(Error::NoCard)?;
+        let machine = machine_of(options, &rig)?;
         if card.kind == CardKind::Simulated {
             // what the simulator process does with it; the line's life does not matter here
             let line_ns = Timeouts::of(Profile::BestEffort).enable_line_ns;
-            simulator::Card::new(&rig, &options.effects, line_ns)?;
+            simulator::Card::new(machine.as_ref().unwrap_or(&rig), &options.effects, line_ns)?;
         }
         let _checked = card.open(&rig)?;
         options.rig_name.make_directory()?;
         let run_dir = options.rig_name.run_directory();
         make_private(&run_dir)?;
         let rig_file = keep_copy(&run_dir, &options.rig, &rig)?;
-        let config = config_of(options, card, &run_dir, &rig_file)?;
+        let mut config = config_of(options, card, &run_dir, &rig_file)?;
+        let machine = match (&options.machine, &machine) {
+            (Some(asked), Some(machine)) => absolute(&keep_copy(&run_dir, asked, machine)?)?,
+            _ => String::new(),
+        };
+        config = config.with_environment(MACHINE, machine);
         Ok(Self { config, rig_name: options.rig_name.clone(), rig, rig_file, card: card.kind })
     }
 
@@ -149,7 +180,7 @@ fn config_of(
     let path = |path: &Option<PathBuf>| path.as_deref().map_or_else(|| Ok(String::new()), absolute);
     let chosen = options.profile.or_else(realtime::chosen_profile);
     let variables = [
-        ("FARREACH_RIG", absolute(rig_file)?),
+        (RIG, absolute(rig_file)?),
         ("FARREACH_CARD", card.kind.text().to_owned()),
         ("FARREACH_REPLAY", path(&card.replay)?),
         ("FARREACH_REPLAY_LOOP", card.looped.to_string()),
@@ -201,6 +232,7 @@ mod tests {
             rig: "hydrostatic".into(),
             card,
             effects: Vec::new(),
+            machine: None,
             record: Some("run.mcap".into()),
             console: None,
             monitor: false,

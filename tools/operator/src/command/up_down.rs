@@ -68,6 +68,7 @@ fn options(arguments: &UpArguments, rig_name: &RigName) -> Result<UpOptions, Err
         rig: arguments.rig.clone(),
         card,
         effects: arguments.effects.clone(),
+        machine: arguments.machine.clone(),
         record: arguments.record.clone(),
         console: arguments.console,
         monitor: arguments.monitor,

@@ -1,0 +1,319 @@
+//! `farreach tune`.
+
+use std::io::{IsTerminal as _, Write as _};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::AtomicBool;
+
+use anyhow::{Context as _, bail};
+use identify::study::{StudyOptions, read, study};
+use identify::write_rig::Provenance;
+use indicatif::{ProgressBar, ProgressStyle};
+use ipc_types::Verb;
+use operator::RigLink;
+use report::{Page, Tone};
+use rig::RigFile;
+use rig::protocol::Protocol;
+use runtime::RigName;
+
+use crate::live::Bench;
+use crate::page::section;
+use crate::proposal::propose;
+use crate::tuning::Tuning;
+
+/// Length of the movement that is evaluated, if none is named (s).
+const MOVEMENT_S: &str = "segments.0.duration_s=12";
+/// Signals that end the tuning.
+const SIGNALS: [i32; 3] =
+    [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM, signal_hook::consts::SIGHUP];
+
+/// Tunes the control of a rig that is up, with nobody at the handle.
+///
+/// Plays a movement and measures how the handle follows it, plays an excitation, identifies from it
+/// what the declared model lacks, simulates which options of the control follow best with that
+/// model, and shows the rig file that it proposes with the predicted tracking error. If a person
+/// agrees, the file is written, the rig goes on with it, and the movement is played again: the
+/// tracking error before and after is that of the machine itself.
+#[derive(Clone, Debug, clap::Args)]
+#[command(after_help = "Examples:\n  farreach tune\n  farreach tune --protocol guided-1hz --set \
+    segments.0.amplitude_deg=20 --out tuned --yes\n\n\
+    Needs an armed rig that does not record. Writes before.mcap, excitation.mcap, report.html and \
+    summary.json, and with the person's consent rig.toml and after.mcap. Exit codes: 0 done, 1 the \
+    rig could not be tuned, 2 usage")]
+pub struct Args {
+    /// The movement that the handle is to follow, of 5 s or more: a protocol file, or the name of
+    /// one shipped with farreach; 12 s of guided-1hz unless given
+    #[arg(long, value_name = "FILE|NAME")]
+    pub protocol: Option<PathBuf>,
+    /// Overrides a value of that protocol before it is checked (repeatable)
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    pub overrides: Vec<String>,
+    /// The movement from which the model is identified
+    #[arg(long, value_name = "FILE|NAME", default_value = "tuning-excitation")]
+    pub excitation: PathBuf,
+    /// Folder for the results; it must not exist
+    #[arg(long, value_name = "DIR", default_value = "farreach-tune")]
+    pub out: PathBuf,
+    /// Takes the proposal without asking; for the simulated card alone
+    #[arg(long)]
+    pub yes: bool,
+    /// Largest torque at the handle (N·m or N): more means that a hand holds it
+    #[arg(long, value_name = "N", default_value_t = 1.0)]
+    pub torque_limit: f64,
+    /// Time limit of the identification (s)
+    #[arg(long, value_name = "N", default_value_t = 180.0)]
+    pub limit_s: f64,
+    /// Prints the result as JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// The protocols of a tuning.
+struct Protocols {
+    movement: Protocol,
+    excitation: Protocol,
+}
+
+impl Protocols {
+    fn load(args: &Args, rig: &RigFile) -> anyhow::Result<Self> {
+        let mut overrides = args.overrides.clone();
+        if args.protocol.is_none() {
+            overrides.insert(0, MOVEMENT_S.to_owned());
+        }
+        let asked = args.protocol.as_deref().unwrap_or(Path::new("guided-1hz"));
+        let movement = rig::load_protocol(asked, &overrides)?;
+        let excitation = rig::load_protocol(&args.excitation, &[])?;
+        movement.check_against(rig)?;
+        excitation.check_against(rig)?;
+        Ok(Self { movement, excitation })
+    }
+}
+
+/// Tunes a rig that is up. Returns the exit code.
+///
+/// # Errors
+/// Why it could not be tuned. The rig then goes on with the rig file that it had, unless the error
+/// says otherwise.
+pub fn run(args: &Args, name: &RigName, revision: &str) -> anyhow::Result<i32> {
+    let rig = operator::rig_of(name)?;
+    check_rig(args, name, &rig)?;
+    let protocols = Protocols::load(args, &rig)?;
+    std::fs::create_dir(&args.out).with_context(|| {
+        format!(
+            "--out {}: expected a folder that can be made and does not exist",
+            args.out.display()
+        )
+    })?;
+    let stop = runtime::stop_on(&SIGNALS)?;
+    let link = RigLink::open(name)?;
+    let bar = spinner();
+    let mut progress = |text: &str| bar.set_message(text.to_owned());
+    let mut bench = Bench {
+        name,
+        link: &link,
+        stop: &stop,
+        progress: &mut progress,
+        torque_limit: args.torque_limit,
+    };
+    let say = |text: &str| bar.suspend(|| tell(args, text));
+    let tuned = tuned(args, &rig, &protocols, &mut bench, revision, &say);
+    // Whatever came of it: nobody left the motor under power on purpose.
+    let disarmed = operator::verb(&link, Verb::Disarm);
+    bar.finish_and_clear();
+    let tuning = tuned?;
+    disarmed?;
+    if args.json {
+        writeln!(std::io::stdout(), "{}", serde_json::to_string_pretty(&tuning.summary())?)?;
+    }
+    Ok(operator::DONE)
+}
+
+/// From the first movement to the last.
+fn tuned(
+    args: &Args,
+    rig: &RigFile,
+    protocols: &Protocols,
+    bench: &mut Bench<'_>,
+    revision: &str,
+    say: &dyn Fn(&str),
+) -> anyhow::Result<Tuning> {
+    let mut tuning = identified(args, rig, protocols, bench, revision, say)?;
+    say(&tuning.proposal_lines().join("\n"));
+    say(&tuning.diff());
+    if agreed(args, &tuning, bench.stop)? {
+        let taken = take(args, rig, protocols, bench, &mut tuning);
+        // What was found is written even where the last movement failed.
+        write_results(args, &tuning)?;
+        taken?;
+        let after = tuning.after.as_ref().map_or(f64::NAN, |after| after.error.rms);
+        say(&format!(
+            "after       {} ({} before)",
+            tuning.shown(after),
+            tuning.shown(tuning.before.error.rms)
+        ));
+        say(&format!("the rig goes on with {}", args.out.join(RIG_FILE).display()));
+    } else {
+        write_results(args, &tuning)?;
+        say("the proposal was not taken; the rig is as it was");
+    }
+    Ok(tuning)
+}
+
+const RIG_FILE: &str = "rig.toml";
+/// How often the spinner turns.
+const TICK: std::time::Duration = std::time::Duration::from_millis(120);
+
+fn spinner() -> ProgressBar {
+    let bar = ProgressBar::new_spinner();
+    if let Ok(style) = ProgressStyle::with_template("{spinner} {wide_msg} {elapsed}") {
+        bar.set_style(style);
+    }
+    bar.enable_steady_tick(TICK);
+    bar
+}
+
+/// What can be said before anything moves.
+fn check_rig(args: &Args, name: &RigName, rig: &RigFile) -> anyhow::Result<()> {
+    if rig.axes.len() != 1 || !rig.model.kind.is_transmission() {
+        bail!(
+            "{}: expected a transmission of one axis, found {} axes and a model of kind \"{}\"; \
+             tune several axes by hand, with `farreach identify --axis`",
+            rig.file_name(),
+            rig.axes.len(),
+            rig.model.kind.name()
+        );
+    }
+    let simulated = operator::running(name)?
+        .units
+        .iter()
+        .any(|unit| unit.name == ipc_types::Process::Simulator.text());
+    if args.yes && !simulated {
+        bail!(
+            "--yes: only a simulated rig goes on with another rig file and gets its power back \
+             unattended; leave it out, and confirm at the terminal"
+        );
+    }
+    if !args.yes && !std::io::stdin().is_terminal() {
+        bail!("expected a terminal at which a person confirms the proposal, or --yes");
+    }
+    Ok(())
+}
+
+/// Movement, excitation, identification, proposal.
+fn identified(
+    args: &Args,
+    rig: &RigFile,
+    protocols: &Protocols,
+    bench: &mut Bench<'_>,
+    revision: &str,
+    say: &dyn Fn(&str),
+) -> anyhow::Result<Tuning> {
+    let unit = rig.axes.first().map(|axis| axis.unit).context("an axis")?;
+    let file = args.out.join("before.mcap");
+    bench.record(&[&protocols.movement], &file)?;
+    let before = bench.movement(&file, &protocols.movement)?;
+    let excited = args.out.join("excitation.mcap");
+    bench.record(&[&protocols.excitation], &excited)?;
+    (bench.progress)("identify: what does the declared model lack? Ctrl-C ends it");
+    let record = read(&excited, rig)?;
+    let options = StudyOptions { limit_s: Some(args.limit_s), ..StudyOptions::default() };
+    let found = study(rig, &[record], options)?;
+    found
+        .page
+        .footer(concat!("farreach tune ", env!("CARGO_PKG_VERSION")))
+        .write(args.out.join("identify.html"))?;
+    (bench.progress)("simulating the control with the model that was identified");
+    let provenance = Provenance::today(revision);
+    let proposal = propose(rig, &found.outcome, &protocols.movement, &provenance)?;
+    let tuning = Tuning {
+        unit,
+        before,
+        outcome: found.outcome,
+        sentence: found.sentence,
+        proposal,
+        text_before: rig.text().to_owned(),
+        after: None,
+    };
+    say(&format!(
+        "before      {} rms over {}",
+        tuning.shown(tuning.before.error.rms),
+        protocols.movement.name
+    ));
+    Ok(tuning)
+}
+
+/// Asks the person. Nobody is asked where nothing is gained.
+fn agreed(args: &Args, tuning: &Tuning, stop: &AtomicBool) -> anyhow::Result<bool> {
+    if stop.load(std::sync::atomic::Ordering::Relaxed) {
+        bail!("stopped; the rig is as it was");
+    }
+    if args.yes {
+        return Ok(true);
+    }
+    let mut err = std::io::stderr();
+    write!(
+        err,
+        "Write {}, have the rig go on with it, and play the movement again ({} predicted)? The \
+         motor gets power. [y/N] ",
+        args.out.join(RIG_FILE).display(),
+        tuning.shown(tuning.proposal.control.error.rms)
+    )?;
+    err.flush()?;
+    let mut answer = String::new();
+    std::io::stdin().read_line(&mut answer)?;
+    Ok(matches!(answer.trim(), "y" | "Y" | "yes"))
+}
+
+/// Writes the rig file, has the rig go on with it, and plays the movement again.
+fn take(
+    args: &Args,
+    rig: &RigFile,
+    protocols: &Protocols,
+    bench: &mut Bench<'_>,
+    tuning: &mut Tuning,
+) -> anyhow::Result<()> {
+    let proposed = &tuning.proposal.control.rig;
+    if operator::rig_of(bench.name)?.identity() != rig.identity() {
+        bail!("the rig file of the rig was changed meanwhile; nothing was written: tune again");
+    }
+    let path = args.out.join(RIG_FILE);
+    files::create_new(&path, proposed.text())
+        .with_context(|| format!("{}: cannot be written", path.display()))?;
+    bench.change_rig_file(&path, proposed)?;
+    let file = args.out.join("after.mcap");
+    bench
+        .record(&[&protocols.movement], &file)
+        .with_context(|| format!("the rig goes on with {}", path.display()))?;
+    tuning.after = Some(bench.movement(&file, &protocols.movement)?);
+    Ok(())
+}
+
+fn write_results(args: &Args, tuning: &Tuning) -> anyhow::Result<()> {
+    let json = serde_json::to_string_pretty(&tuning.summary())?;
+    let path = args.out.join("summary.json");
+    files::replace(&path, &json).with_context(|| format!("{}", path.display()))?;
+    let tone = match tuning.after {
+        Some(ref after) if after.error.rms < tuning.before.error.rms => Tone::Good,
+        Some(_) => Tone::Warning,
+        None => Tone::Neutral,
+    };
+    let effects = tuning.effects();
+    let found = if effects.is_empty() { "No effect was found." } else { tuning.sentence.as_str() };
+    let page = Page::new(format!("farreach tune: {}", tuning.proposal.control.rig.name)).verdict(
+        tone,
+        &tuning.sentence,
+        found,
+    );
+    section(page, tuning)
+        .details("summary.json", &json)
+        .footer(concat!("farreach tune ", env!("CARGO_PKG_VERSION")))
+        .write(args.out.join("report.html"))
+}
+
+fn tell(args: &Args, text: &str) {
+    if args.json {
+        eprintln!("{text}");
+    } else {
+        // A closed pipe must not end the tuning.
+        let _closed = writeln!(std::io::stdout(), "{text}");
+    }
+}
