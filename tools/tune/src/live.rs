@@ -88,13 +88,6 @@ impl Bench<'_> {
         self.nobody_holds_the_handle()?;
         let path = std::path::absolute(file).context("make the path absolute")?;
         let text = path.to_str().context("expected a path in UTF-8")?.to_owned();
-        let present = self.link.logger(&LoggerRequest::Status)?;
-        if let Some(other) = present.recording {
-            bail!(
-                "the rig records into {other} already, and tuning makes recordings of its own; end \
-                 that one (farreach rec stop) and tune again"
-            );
-        }
         let request = LoggerRequest::Start { path: text, metadata: Vec::new() };
         accepted(self.link.logger(&request)?.error)?;
         let played = protocols.iter().try_for_each(|protocol| self.play(protocol, file));

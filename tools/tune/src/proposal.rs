@@ -290,3 +290,6 @@ fn uncompensated(
     }
     Ok(found)
 }
+
+#[cfg(test)]
+mod tests;

@@ -2,13 +2,14 @@
 
 use std::io::{IsTerminal as _, Write as _};
 use std::path::{Path, PathBuf};
-use std::sync::atomic::AtomicBool;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
 
 use anyhow::{Context as _, bail};
 use identify::study::{StudyOptions, read, study};
 use identify::write_rig::Provenance;
 use indicatif::{ProgressBar, ProgressStyle};
-use ipc_types::Verb;
+use ipc_types::{LoggerRequest, TOKEN, Verb, WatchdogState};
 use operator::RigLink;
 use report::{Page, Tone};
 use rig::RigFile;
@@ -97,14 +98,15 @@ pub fn run(args: &Args, name: &RigName, revision: &str) -> anyhow::Result<i32> {
     let rig = operator::rig_of(name)?;
     check_rig(args, name, &rig)?;
     let protocols = Protocols::load(args, &rig)?;
+    let stop = runtime::stop_on(&SIGNALS)?;
+    let link = RigLink::open(name)?;
+    check_state(&link)?;
     std::fs::create_dir(&args.out).with_context(|| {
         format!(
-            "--out {}: expected a folder that can be made and does not exist",
+            "--out {}: expected a folder that does not exist and can be made",
             args.out.display()
         )
     })?;
-    let stop = runtime::stop_on(&SIGNALS)?;
-    let link = RigLink::open(name)?;
     let bar = spinner();
     let mut progress = |text: &str| bar.set_message(text.to_owned());
     let mut bench = Bench {
@@ -114,8 +116,8 @@ pub fn run(args: &Args, name: &RigName, revision: &str) -> anyhow::Result<i32> {
         progress: &mut progress,
         torque_limit: args.torque_limit,
     };
-    let say = |text: &str| bar.suspend(|| tell(args, text));
-    let tuned = tuned(args, &rig, &protocols, &mut bench, revision, &say);
+    let terminal = Terminal { bar: &bar, json: args.json };
+    let tuned = tuned(args, &rig, &protocols, &mut bench, revision, &terminal);
     // Whatever came of it: nobody left the motor under power on purpose.
     let disarmed = operator::verb(&link, Verb::Disarm);
     bar.finish_and_clear();
@@ -134,33 +136,35 @@ fn tuned(
     protocols: &Protocols,
     bench: &mut Bench<'_>,
     revision: &str,
-    say: &dyn Fn(&str),
+    terminal: &Terminal<'_>,
 ) -> anyhow::Result<Tuning> {
-    let mut tuning = identified(args, rig, protocols, bench, revision, say)?;
-    say(&tuning.proposal_lines().join("\n"));
-    say(&tuning.diff());
-    if agreed(args, &tuning, bench.stop)? {
+    let mut tuning = identified(args, rig, protocols, bench, revision, terminal)?;
+    terminal.say(&tuning.proposal_lines().join("\n"));
+    terminal.say(&tuning.diff());
+    if agreed(args, &tuning, bench.stop, terminal)? {
         let taken = take(args, rig, protocols, bench, &mut tuning);
         // What was found is written even where the last movement failed.
         write_results(args, &tuning)?;
         taken?;
         let after = tuning.after.as_ref().map_or(f64::NAN, |after| after.error.rms);
-        say(&format!(
+        terminal.say(&format!(
             "after       {} ({} before)",
             tuning.shown(after),
             tuning.shown(tuning.before.error.rms)
         ));
-        say(&format!("the rig goes on with {}", args.out.join(RIG_FILE).display()));
+        terminal.say(&format!("the rig goes on with {}", args.out.join(RIG_FILE).display()));
     } else {
         write_results(args, &tuning)?;
-        say("the proposal was not taken; the rig is as it was");
+        terminal.say("the proposal was not taken; the rig is as it was");
     }
     Ok(tuning)
 }
 
 const RIG_FILE: &str = "rig.toml";
 /// How often the spinner turns.
-const TICK: std::time::Duration = std::time::Duration::from_millis(120);
+const TICK: Duration = Duration::from_millis(120);
+/// Longest silence of the watchdog.
+const TOKEN_LIMIT: Duration = Duration::from_secs(1);
 
 fn spinner() -> ProgressBar {
     let bar = ProgressBar::new_spinner();
@@ -198,6 +202,36 @@ fn check_rig(args: &Args, name: &RigName, rig: &RigFile) -> anyhow::Result<()> {
     Ok(())
 }
 
+/// Whether the rig is ready to be moved and recorded.
+fn check_state(link: &RigLink) -> anyhow::Result<()> {
+    if let Some(file) = link.logger(&LoggerRequest::Status)?.recording {
+        bail!(
+            "the rig records into {file} already, and tuning makes recordings of its own; end that \
+             one (farreach rec stop) and tune again"
+        );
+    }
+    let mut tokens = link.subscriber(TOKEN)?;
+    let begun = Instant::now();
+    let token = loop {
+        match tokens.latest()? {
+            Some(token) => break token,
+            None if begun.elapsed() > TOKEN_LIMIT => {
+                bail!("no message from the watchdog for {TOKEN_LIMIT:?}; see `farreach status`")
+            }
+            None => std::thread::sleep(Duration::from_millis(2)),
+        }
+    };
+    match WatchdogState::from_code(token.state) {
+        Some(WatchdogState::Armed | WatchdogState::Enabled) => Ok(()),
+        state => {
+            let state = state.unwrap_or(WatchdogState::Faulted);
+            bail!(
+                "the rig is {state}; a person must reset and arm it (farreach reset, farreach arm)"
+            )
+        }
+    }
+}
+
 /// Movement, excitation, identification, proposal.
 fn identified(
     args: &Args,
@@ -205,7 +239,7 @@ fn identified(
     protocols: &Protocols,
     bench: &mut Bench<'_>,
     revision: &str,
-    say: &dyn Fn(&str),
+    terminal: &Terminal<'_>,
 ) -> anyhow::Result<Tuning> {
     let unit = rig.axes.first().map(|axis| axis.unit).context("an axis")?;
     let file = args.out.join("before.mcap");
@@ -233,7 +267,7 @@ fn identified(
         text_before: rig.text().to_owned(),
         after: None,
     };
-    say(&format!(
+    terminal.say(&format!(
         "before      {} rms over {}",
         tuning.shown(tuning.before.error.rms),
         protocols.movement.name
@@ -241,25 +275,25 @@ fn identified(
     Ok(tuning)
 }
 
-/// Asks the person. Nobody is asked where nothing is gained.
-fn agreed(args: &Args, tuning: &Tuning, stop: &AtomicBool) -> anyhow::Result<bool> {
-    if stop.load(std::sync::atomic::Ordering::Relaxed) {
+/// Asks the person.
+fn agreed(
+    args: &Args,
+    tuning: &Tuning,
+    stop: &AtomicBool,
+    terminal: &Terminal<'_>,
+) -> anyhow::Result<bool> {
+    if stop.load(Ordering::Relaxed) {
         bail!("stopped; the rig is as it was");
     }
     if args.yes {
         return Ok(true);
     }
-    let mut err = std::io::stderr();
-    write!(
-        err,
+    let answer = terminal.ask(&format!(
         "Write {}, have the rig go on with it, and play the movement again ({} predicted)? The \
          motor gets power. [y/N] ",
         args.out.join(RIG_FILE).display(),
         tuning.shown(tuning.proposal.control.error.rms)
-    )?;
-    err.flush()?;
-    let mut answer = String::new();
-    std::io::stdin().read_line(&mut answer)?;
+    ))?;
     Ok(matches!(answer.trim(), "y" | "Y" | "yes"))
 }
 
@@ -309,11 +343,33 @@ fn write_results(args: &Args, tuning: &Tuning) -> anyhow::Result<()> {
         .write(args.out.join("report.html"))
 }
 
-fn tell(args: &Args, text: &str) {
-    if args.json {
-        eprintln!("{text}");
-    } else {
-        // A closed pipe must not end the tuning.
-        let _closed = writeln!(std::io::stdout(), "{text}");
+/// Lines for a person, above the line that shows what is being done.
+struct Terminal<'a> {
+    bar: &'a ProgressBar,
+    /// Whether standard output is for the result alone.
+    json: bool,
+}
+
+impl Terminal<'_> {
+    fn say(&self, text: &str) {
+        self.bar.suspend(|| {
+            if self.json {
+                eprintln!("{text}");
+            } else {
+                // A closed pipe must not end the tuning.
+                let _closed = writeln!(std::io::stdout(), "{text}");
+            }
+        });
+    }
+
+    fn ask(&self, question: &str) -> std::io::Result<String> {
+        self.bar.suspend(|| {
+            let mut err = std::io::stderr();
+            write!(err, "{question}")?;
+            err.flush()?;
+            let mut answer = String::new();
+            std::io::stdin().read_line(&mut answer)?;
+            Ok(answer)
+        })
     }
 }

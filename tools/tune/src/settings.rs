@@ -98,7 +98,7 @@ mod tests {
                 let changed = RigFile::parse(&text, "tuned.toml").unwrap();
                 let options = changed.axes[0].control.options;
                 assert_eq!(options.slave.map(|slave| slave.lead_s), lead_s, "{}", setting.name);
-                assert_eq!((&changed.model, changed.channels.len()), (&rig.model, 8));
+                assert!(changed.model == rig.model && changed.channels == rig.channels);
                 let gains = |rig: &RigFile| rig.axes[0].control.position_gain;
                 assert_eq!(gains(&changed), gains(&rig));
             }
