@@ -5,9 +5,11 @@
 
 mod common;
 
+use std::time::Duration;
+
 use serde_json::Value;
 
-use common::{TestRig, assert_told, told};
+use common::{TestRig, assert_told, told, wait_for};
 
 /// Shorter than the shipped one: the test is of the way, not of the identification.
 const EXCITATION: &str = r#"
@@ -37,12 +39,20 @@ fn arguments(rig: &TestRig, out: &str) -> Vec<String> {
         .collect()
 }
 
+/// Arms the rig once it has come to rest and its faults have cleared.
+fn arm(rig: &TestRig) {
+    let _disarmed = rig.run(["disarm"]);
+    let armed = wait_for(Duration::from_secs(30), || {
+        let _reset = rig.run(["reset"]);
+        rig.run(["arm"]).status.success()
+    });
+    assert!(armed, "{}", told(&rig.run(["arm"])));
+}
+
 /// Tunes until the host lets the rig play all movements without a trip.
 fn tune(rig: &TestRig) -> Value {
     for attempt in 0..10 {
-        let _disarmed = rig.run(["disarm"]);
-        let _reset = rig.run(["reset"]);
-        rig.ok(["arm"]);
+        arm(rig);
         let mut arguments = arguments(rig, &format!("tuned{attempt}"));
         arguments.extend(["--yes".to_owned(), "--json".to_owned()]);
         let output = rig.run(arguments.iter().map(String::as_str));
@@ -104,9 +114,7 @@ fn a_hand_on_the_handle_and_a_machine_of_other_axes_are_refused() {
     assert_told(&other, &["expected a machine with axes in rad,", "found axes in rad, rad"]);
     rig.ok(["up", "--simulate", "--rig", &rig_file, "--machine", held_file.to_str().unwrap()]);
     let refused = (0..10).any(|attempt| {
-        let _disarmed = rig.run(["disarm"]);
-        let _reset = rig.run(["reset"]);
-        rig.ok(["arm"]);
+        arm(&rig);
         let mut arguments = arguments(&rig, &format!("held{attempt}"));
         arguments.push("--yes".to_owned());
         let output = rig.run(arguments.iter().map(String::as_str));
