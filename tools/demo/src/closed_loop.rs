@@ -3,7 +3,7 @@
 use identify::outcome::{ChannelError, Outcome, Verdict};
 use identify::write_rig::Provenance;
 use operator::Up;
-use report::Page;
+use report::{Page, Tone};
 use rig::RigFile;
 use rig::protocol::Protocol;
 use serde::Serialize;
@@ -54,17 +54,30 @@ impl Naming {
     pub fn of(outcome: &Outcome, hidden: Option<&str>) -> Self {
         let named: Vec<String> =
             outcome.effects.iter().map(|effect| format!("{}@{}", effect.id, effect.site)).collect();
-        let Some(hidden) = hidden.map(|text| text.split('=').next().unwrap_or(text)) else {
-            return if named.is_empty() && !outcome.remains { Self::Right } else { Self::Wrong };
-        };
-        let rival = outcome
+        let rivals: Vec<String> = outcome
             .ambiguous_with
             .iter()
-            .any(|named| format!("{}@{}", named.id, named.site) == hidden);
-        match (named.iter().any(|name| name == hidden), named.len(), outcome.verdict) {
+            .map(|named| format!("{}@{}", named.id, named.site))
+            .collect();
+        Self::judge(&named, &rivals, (outcome.verdict, outcome.remains), hidden)
+    }
+
+    /// The same from the effects that were named, those that the records cannot distinguish from
+    /// them (`ID@SITE`), the verdict, and whether a residual remains.
+    pub fn judge(
+        named: &[String],
+        rivals: &[String],
+        (verdict, remains): (Verdict, bool),
+        hidden: Option<&str>,
+    ) -> Self {
+        let Some(hidden) = hidden.map(|text| text.split('=').next().unwrap_or(text)) else {
+            return if named.is_empty() && !remains { Self::Right } else { Self::Wrong };
+        };
+        let is_hidden = |name: &String| name == hidden;
+        match (named.iter().any(is_hidden), named.len(), verdict) {
             (true, 1, Verdict::Ambiguous) => Self::Ambiguous,
             (true, 1, _) => Self::Right,
-            _ if rival => Self::Ambiguous,
+            _ if rivals.iter().any(is_hidden) => Self::Ambiguous,
             (_, 0, Verdict::None) => Self::WithinTolerances,
             (_, 0, _) => Self::Unlisted,
             _ => Self::Wrong,
@@ -244,22 +257,30 @@ impl ClosedLoop {
         }
     }
 
-    /// The loop in one sentence, for the head of the page.
-    pub(crate) fn sentence(&self, hidden: Option<&str>) -> Option<String> {
+    /// The loop in two sentences, for the head of the page.
+    pub(crate) fn verdict(&self, hidden: Option<&str>) -> Option<(Tone, String, String)> {
         let Self::Closed(tuning) = self else { return None };
         let after = tuning.after.as_ref()?;
-        let hidden_text = hidden.map_or("Nothing was hidden in the machine".to_owned(), |hidden| {
+        let naming = Naming::of(&tuning.outcome, hidden);
+        let better = after.error.rms < tuning.before.error.rms;
+        let tone = if better && naming != Naming::Wrong { Tone::Good } else { Tone::Warning };
+        let hidden = hidden.map_or("Nothing was hidden in the machine".to_owned(), |hidden| {
             format!("Hidden in the machine, and told to no model: {hidden}")
         });
-        Some(format!(
-            "{hidden_text}. {} It was {}. Root-mean-square prediction error on stretches that \
-             took no part in the fit: {}. Tracking error of the handle: {} before, {} after.",
+        let sentence = format!(
+            "{} The handle follows with an error of {}; before, {}.",
             tuning.sentence,
-            Naming::of(&tuning.outcome, hidden).text(),
-            held_out(&tuning.outcome),
-            tuning.shown(tuning.before.error.rms),
-            tuning.shown(after.error.rms)
-        ))
+            tuning.shown(after.error.rms),
+            tuning.shown(tuning.before.error.rms)
+        );
+        let detail = format!(
+            "{hidden}. It was {}. Root-mean-square prediction error on stretches that took no \
+             part in the fit: {}. The rig file with what was found is rig.toml; the rig went on \
+             with it.",
+            naming.text(),
+            held_out(&tuning.outcome)
+        );
+        Some((tone, sentence, detail))
     }
 }
 

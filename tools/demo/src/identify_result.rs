@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use identify::models::machine_picture;
 use identify::outcome::{FoundEffect, Outcome};
 use identify::study::{Identification, StudyOptions, read, study};
 use report::{Page, Table};
@@ -18,6 +19,8 @@ pub enum IdentifyResult {
         sentence: String,
         /// The qualification of the verdict.
         detail: String,
+        /// The page of identify.
+        page: Box<Page>,
     },
     /// Identification failed, for this reason.
     Failed(String),
@@ -30,9 +33,12 @@ impl IdentifyResult {
     pub fn of(recording: &Path, rig: &RigFile) -> Self {
         match read(recording, rig).and_then(|series| study(rig, &[series], StudyOptions::default()))
         {
-            Ok(Identification { outcome, sentence, detail, .. }) => {
-                Self::Completed { outcome: Box::new(outcome), sentence, detail }
-            }
+            Ok(Identification { outcome, sentence, detail, page }) => Self::Completed {
+                outcome: Box::new(outcome),
+                sentence,
+                detail,
+                page: Box::new(page),
+            },
             Err(error) => Self::Failed(error.to_string()),
         }
     }
@@ -46,11 +52,16 @@ impl IdentifyResult {
     /// Adds the section on identification to the page.
     pub(crate) fn section(&self, page: Page) -> Page {
         match self {
-            Self::Completed { outcome, sentence, detail } => {
+            Self::Completed { outcome, sentence, detail, page: whole } => {
                 let page = page
                     .heading("What the declared model lacks")
                     .paragraph(sentence)
                     .paragraph(detail);
+                let page = match machine_picture(outcome) {
+                    Some(svg) => page
+                        .picture(svg, "The machine, and where it departs from the declared model."),
+                    None => page,
+                };
                 let page = match outcome.effects.is_empty() {
                     true => page,
                     false => page.table(
@@ -60,7 +71,11 @@ impl IdentifyResult {
                             under identify.",
                     ),
                 };
-                page.paragraph(&outcome.notes.join(". "))
+                page.paragraph(&outcome.notes.join(". ")).folded(
+                    "The whole identification: residual over time, its spectrum, what it depends \
+                     on, candidates, parameters, the next experiment",
+                    whole,
+                )
             }
             Self::Failed(reason) => page.heading("What the declared model lacks").paragraph(
                 &format!("farreach identify could not be run on this recording: {reason}."),

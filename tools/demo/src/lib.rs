@@ -63,5 +63,6 @@ pub use closed_loop::{ClosedLoop, ClosedLoopSummary, Naming};
 pub use folder::Folder;
 pub use hidden_effect::draw;
 pub use identify_result::IdentifyResult;
-pub use run::{Args, run};
+pub use page::page;
+pub use run::{Args, Run, run};
 pub use summary::{Outcome, Summary};

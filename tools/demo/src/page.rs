@@ -18,7 +18,7 @@ const WIDTH: u32 = 860;
 ///
 /// # Errors
 /// Where a figure cannot be drawn.
-pub(crate) fn page(
+pub fn page(
     analysis: &Analysis,
     summary: &Summary,
     outcome: &Outcome,
@@ -28,11 +28,12 @@ pub(crate) fn page(
     let shown = DisplayUnit::of(rig);
     let json = serde_json::to_string_pretty(summary).unwrap_or_default();
     let mut page = Page::new(format!("farreach demo: {}", rig.name))
-        .subtitle(&subtitle(analysis, summary, rig))
-        .verdict(tone(analysis, outcome), &sentence(analysis, outcome), &detail(analysis, outcome));
-    if let Some(sentence) = run.closed_loop.sentence(run.hidden.as_deref()) {
-        page = page.paragraph(&sentence);
+        .subtitle(&subtitle(analysis, summary, rig));
+    let kills = (tone(analysis, outcome), sentence(analysis, outcome), detail(analysis, outcome));
+    if let Some((tone, sentence, detail)) = run.closed_loop.verdict(run.hidden.as_deref()) {
+        page = page.verdict(tone, &sentence, &detail);
     }
+    page = page.verdict(kills.0, &kills.1, &kills.2);
     page = run.closed_loop.section(run.identified.section(page));
     page = page.heading("Killed in mid-movement").figure(&overview(analysis, &shown), OVERVIEW);
     for (index, outage) in analysis.outages.iter().enumerate() {

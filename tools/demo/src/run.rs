@@ -171,12 +171,16 @@ struct Plan<'a> {
 }
 
 /// What the demo did, beside what is in its first recording.
-pub(crate) struct Run {
-    kills: Vec<Kill>,
-    /// What the effect was that was hidden (`ID@SITE=SIZE`).
-    pub(crate) hidden: Option<String>,
-    pub(crate) identified: IdentifyResult,
-    pub(crate) closed_loop: ClosedLoop,
+#[derive(Debug)]
+pub struct Run {
+    /// The processes that were killed.
+    pub kills: Vec<Kill>,
+    /// The effect that was hidden (`ID@SITE=SIZE`).
+    pub hidden: Option<String>,
+    /// What identify says of the excitation.
+    pub identified: IdentifyResult,
+    /// What was tuned, and what it gained.
+    pub closed_loop: ClosedLoop,
 }
 
 /// `ID@SITE=SIZE`, with the site and the size that were taken where none was given.

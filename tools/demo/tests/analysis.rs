@@ -5,7 +5,8 @@ mod common;
 
 use common::{KILL_ACQUISITION_NS, KILL_CONTROL_NS, Script, write};
 use demo::analysis::{Analysis, Kill, Percentiles, Trace, analyse};
-use demo::{IdentifyResult, Outcome, Summary, page};
+use demo::{ClosedLoop, IdentifyResult, Naming, Outcome, Run, Summary, page};
+use identify::outcome::Verdict;
 use ipc_types::{Process, Profile, Sample};
 use rig::RigFile;
 
@@ -126,7 +127,7 @@ fn a_full_disk_loses_data_and_still_has_a_page() {
     assert_eq!(outcome.exit_code(), 3, "{outcome:?}");
     assert!(outcome.reasons()[0].contains("acquisition killed: the recording ends"), "{outcome:?}");
     let summary = Summary::new(&analysis, None);
-    let html = page(&analysis, &summary, &outcome, &IdentifyResult::Skipped, &rig()).unwrap();
+    let html = page(&analysis, &summary, &outcome, &kills_alone(), &rig()).unwrap();
     assert!(html.contains("Kill 2: acquisition") && html.contains("The recording ends before"));
 }
 
@@ -222,6 +223,16 @@ fn trips_that_no_kill_explains_are_named() {
     assert_eq!(spans, [(508_350, 800_350), (1_208_350, 1_600_350)]);
 }
 
+/// A demo whose loop was not closed.
+fn kills_alone() -> Run {
+    Run {
+        kills: Vec::new(),
+        hidden: None,
+        identified: IdentifyResult::Skipped,
+        closed_loop: ClosedLoop::Skipped,
+    }
+}
+
 #[test]
 fn summary_and_page_are_complete() {
     let analysis = run(Script::default());
@@ -244,6 +255,7 @@ fn summary_and_page_are_complete() {
         "recording_bytes",
         "model_error",
         "identify",
+        "closed_loop",
         "identify_refused",
     ];
     let found: Vec<&str> = json.as_object().unwrap().keys().map(String::as_str).collect();
@@ -260,8 +272,7 @@ fn summary_and_page_are_complete() {
     assert!(json["identify"].is_null() && json["identify_refused"].is_null());
     assert!(json["model_error"]["slave_rad"].as_f64().unwrap() > 0.0);
 
-    let html = page(&analysis, &summary, &Outcome::of(&analysis), &IdentifyResult::Skipped, &rig())
-        .unwrap();
+    let html = page(&analysis, &summary, &Outcome::of(&analysis), &kills_alone(), &rig()).unwrap();
     assert!(!html.contains("What the declared model lacks"));
     // overview, three a kill, three channels
     assert_eq!(html.matches("<svg").count(), 1 + 2 * 3 + 3);
@@ -298,4 +309,39 @@ fn a_recording_that_identify_cannot_use_is_no_reason_to_have_no_page() {
         "{identify_result:?}"
     );
     assert_eq!(identify_result.value(), None);
+}
+
+#[test]
+fn a_loop_that_was_not_closed_says_why() {
+    let analysis = run(Script::default());
+    let summary = Summary::new(&analysis, None);
+    let closed_loop = ClosedLoop::Failed("the gains have no margin".to_owned());
+    let run = Run { closed_loop, ..kills_alone() };
+    let summary = summary.with_closed_loop(&run.closed_loop, None);
+    assert!(summary.closed_loop.is_none());
+    let html = page(&analysis, &summary, &Outcome::of(&analysis), &run, &rig()).unwrap();
+    assert!(html.contains("The loop could not be closed: the gains have no margin."));
+}
+
+#[test]
+fn a_name_is_judged_by_what_was_hidden() {
+    let hidden = Some("backlash@slave=0.05");
+    let of = |named: &[(&str, &str)], rivals: &[(&str, &str)], verdict| {
+        Naming::judge(
+            &named.iter().map(|(id, site)| format!("{id}@{site}")).collect::<Vec<_>>(),
+            &rivals.iter().map(|(id, site)| format!("{id}@{site}")).collect::<Vec<_>>(),
+            (verdict, verdict != Verdict::None),
+            hidden,
+        )
+    };
+    let backlash = ("backlash", "slave");
+    assert_eq!(of(&[backlash], &[], Verdict::Effect), Naming::Right);
+    assert_eq!(of(&[backlash], &[("leakage", "line")], Verdict::Ambiguous), Naming::Ambiguous);
+    assert_eq!(of(&[("leakage", "line")], &[backlash], Verdict::Ambiguous), Naming::Ambiguous);
+    assert_eq!(of(&[("leakage", "line")], &[], Verdict::Effect), Naming::Wrong);
+    assert_eq!(of(&[backlash, ("leakage", "line")], &[], Verdict::Effect), Naming::Wrong);
+    assert_eq!(of(&[], &[], Verdict::Unlisted), Naming::Unlisted);
+    assert_eq!(of(&[], &[], Verdict::None), Naming::WithinTolerances);
+    assert_eq!(Naming::judge(&[], &[], (Verdict::None, false), None), Naming::Right);
+    assert_eq!(Naming::judge(&[], &[], (Verdict::Unlisted, true), None), Naming::Wrong);
 }

@@ -89,17 +89,29 @@ fn svg(figure: &Figure) -> Result<String> {
 
     let (width, height) = (figure.size.0 as i32, figure.size.1 as i32);
     let mut buffer = String::new();
-    draw(figure, x, y, &mut buffer, (width, height))
+    let axes = draw(figure, x, y, &mut buffer, (width, height))
         .with_context(|| format!("figure `{}`: could not be drawn", figure.title))?;
     // The drawing is FINE times too large: shown at its CSS size, scaled by the view box.
     let (fine_width, fine_height) = (width * FINE, height * FINE);
     let view_box = format!("viewBox=\"0 0 {fine_width} {fine_height}\"");
     let opening = format!("<svg width=\"{fine_width}\" height=\"{fine_height}\" {view_box}");
     let title = html! { (figure.title) }.into_string();
+    let frame = format!("{} {} {} {}", axes.left, axes.right, axes.top, axes.bottom);
+    let (over, up) = (hover_scale(&axes.x), hover_scale(&axes.y));
     let shown = format!(
-        "<svg width=\"{width}\" height=\"{height}\" {view_box} role=\"img\" aria-label=\"{title}\""
+        "<svg width=\"{width}\" height=\"{height}\" {view_box} role=\"img\" \
+         aria-label=\"{title}\" data-frame=\"{frame}\" data-x=\"{over}\" data-y=\"{up}\""
     );
     Ok(buffer.replacen(&opening, &shown, 1))
+}
+
+/// A scale as `hover.js` reads it: kind, lowest and highest value.
+fn hover_scale(scale: &Scale) -> String {
+    let kind = match scale.kind {
+        Kind::Linear => "linear",
+        Kind::Logarithmic => "log",
+    };
+    format!("{kind} {:e} {:e}", scale.low, scale.high)
 }
 
 fn draw(
@@ -108,7 +120,7 @@ fn draw(
     y: Scale,
     buffer: &mut String,
     (width, height): (i32, i32),
-) -> Drawn {
+) -> std::result::Result<Axes, DrawingAreaErrorKind<std::io::Error>> {
     let area = SVGBackend::with_string(buffer, ((width * FINE) as u32, (height * FINE) as u32))
         .into_drawing_area();
     let x_ticks = x.ticks((width / 80).max(2) as usize);
@@ -135,7 +147,8 @@ fn draw(
     frame(&area, &axes, &x_ticks, &y_ticks)?;
     labels(&area, &axes, figure, height)?;
     draw_legend(&area, &legend, title_height)?;
-    area.present()
+    area.present()?;
+    Ok(axes)
 }
 
 /// One grid line at every labelled tick.

@@ -163,6 +163,11 @@ impl Page {
         self.drawing(panels.render_svg(), caption)
     }
 
+    /// A picture, as an SVG document, with its caption.
+    pub fn picture(self, svg: String, caption: &str) -> Self {
+        self.drawing(Ok(svg), caption)
+    }
+
     fn drawing(self, svg: Result<String>, caption: &str) -> Self {
         let figure =
             |svg| html! { figure { (PreEscaped::<String>(svg)) figcaption { (caption) } } };
@@ -172,6 +177,14 @@ impl Page {
     /// A table with its caption.
     pub fn table(self, table: Table, caption: &str) -> Self {
         self.try_add(table.html(caption))
+    }
+
+    /// Another page without its title and footer, which the reader may open.
+    pub fn folded(mut self, summary: &str, other: &Self) -> Self {
+        if let (None, Some(error)) = (&self.error, &other.error) {
+            self.error = Some(anyhow::anyhow!("{error:#}"));
+        }
+        self.add(html! { details { summary { (summary) } (PreEscaped(&other.body)) } })
     }
 
     /// Text that the reader may open, set in a fixed width (a JSON document, a log).
@@ -193,6 +206,7 @@ impl Page {
         if let Some(error) = self.error {
             return Err(error);
         }
+        let has_figure = self.body.contains("data-frame=");
         let page = html! {
             (DOCTYPE)
             html lang="en" {
@@ -206,7 +220,9 @@ impl Page {
                     h1 { (self.title) }
                     (PreEscaped(self.body))
                     @if !self.footer.is_empty() { footer { (self.footer) } }
-                } }
+                }
+                @if has_figure { script { (PreEscaped(include_str!("hover.js"))) } }
+                }
             }
         };
         Ok(page.into_string() + "\n")

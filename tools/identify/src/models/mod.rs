@@ -7,6 +7,7 @@ mod effect_descriptions;
 mod element;
 mod experiment_design;
 mod force_balance;
+mod machine_picture;
 mod next_experiment;
 mod oscillator;
 mod page;
@@ -30,6 +31,7 @@ mod transmission_study;
 mod unaccepted_effects;
 
 pub use candidate_movements::RigCapability;
+pub use machine_picture::machine_picture;
 pub(crate) use sentences::sentences;
 
 use crate::deadline::Deadline;

@@ -2,6 +2,7 @@
 
 use report::{Colour, Figure, Page, Table};
 
+use super::machine_picture::machine_picture;
 use super::residual_plots::ChannelResidual;
 use super::sentences::sentences;
 use crate::naming::{held, labels};
@@ -39,11 +40,14 @@ pub(super) fn page(outcome: &Outcome, content: &Content<'_>) -> Page {
     let axis = outcome.axis.as_ref().map_or(String::new(), |axis| format!(" of axis \"{axis}\""));
     let compared = format!("Declared {}{axis} compared with {}", content.declared, held(&names));
     let errors = if outcome.steps.is_empty() { errors(outcome) } else { steps(outcome) };
-    let mut page = Page::new("What the model lacks")
-        .subtitle(&compared)
-        .verdict(tone, &sentence, &detail)
-        .table(errors, &content.errors)
-        .heading("Measured against model");
+    let mut page =
+        Page::new("What the model lacks").subtitle(&compared).verdict(tone, &sentence, &detail);
+    if content.located
+        && let Some(svg) = machine_picture(outcome)
+    {
+        page = page.picture(svg, "The machine, and where it departs from the declared model.");
+    }
+    page = page.table(errors, &content.errors).heading("Measured against model");
     for (figure, caption) in &content.figures {
         page = page.figure(figure, caption);
     }
