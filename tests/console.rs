@@ -49,6 +49,11 @@ fn note_has(text: &str) -> String {
     format!("document.querySelector('#note').textContent.includes('{text}')")
 }
 
+/// An expression: the model beside the machine is told with a text.
+fn model_has(text: &str) -> String {
+    format!("document.querySelector('#model p')?.textContent.includes('{text}')")
+}
+
 /// An expression: the list of files contains a name.
 fn written_has(name: &str) -> String {
     format!("document.querySelector('#written').textContent.includes('{name}')")
@@ -213,11 +218,14 @@ fn an_operator_runs_a_force_matching_experiment_in_a_browser() {
     let rig = TestRig::patient("console");
     let file = rig.path("run.mcap");
     let console = ["--console", "127.0.0.1:0", "--record", file.to_str().unwrap()];
-    rig.ok(["up", "--simulate"].into_iter().chain(console));
+    rig.ok(["up", "--simulate", "--monitor"].into_iter().chain(console));
     let (operator_page, subject_page) = pages(&rig);
     block_on(async {
         let browser = chromium.connect().await;
         let operator = open(&browser, &operator_page, "force-matching").await;
+        // Before anything has moved; in the words of the status, and without a warning.
+        operator.wait(SHORT, &model_has("axis 0: learning, 0 % while it moves")).await;
+        assert!(operator.value::<bool>("document.querySelector('#departed').hidden").await);
         operator.fill("#subject", "Jörg").await;
 
         // A value beyond its limit is refused, and named.
@@ -235,6 +243,8 @@ fn an_operator_runs_a_force_matching_experiment_in_a_browser() {
         set(&operator, &[("matching.frequency_hz", "1")]).await;
 
         home(&operator).await;
+        let plotted = "document.querySelector('#model path.master').getAttribute('d')";
+        operator.wait(SHORT, plotted).await;
         let subject = Tab::open(&browser, &subject_page).await;
         subject.click("#sound").await;
         let mut files = String::new();

@@ -106,6 +106,11 @@ fn check_recording(rig: &TestRig, file: &str) {
     // Half seconds of movement: by the samples, not by the clock of a host that stalls.
     assert!(blocks(told_ns) - blocks(put_ns) <= 10, "{put_ns} to {told_ns}");
 
+    let info = rig.ok(["rec", "info", file]);
+    for told in ["axis 0: baseline learnt", "axis 0: model departed at the "] {
+        assert!(info.contains(told), "{told}: {info}");
+    }
+    assert!(info.contains("at the end: axis 0: learning"), "the monitor was killed: {info}");
     let again = rig.run(["rec", "innovations", file, "--json"]);
     let again: Value = serde_json::from_slice(&again.stdout).unwrap();
     let live = again["live"].as_u64().unwrap();

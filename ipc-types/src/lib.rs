@@ -17,6 +17,7 @@ mod card;
 mod codes;
 mod experiment_types;
 mod message;
+mod model_status;
 mod model_types;
 mod process;
 mod pulse_source;
@@ -32,6 +33,7 @@ pub use experiment_types::*;
 pub use message::{
     CDR_HEADER, Code, Field, Message, Primitive, TypeVisitor, Value, schema_comment,
 };
+pub use model_status::{ModelStatus, NewestModel};
 pub use model_types::*;
 pub use process::*;
 pub use pulse_source::*;

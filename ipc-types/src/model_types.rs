@@ -2,6 +2,9 @@
 
 use crate::message::messages;
 
+/// Cumulative sum ([`ModelState::cusum`]) above which the machine has departed from the model.
+pub const MODEL_DEPARTURE_SUM: f64 = 2.5;
+
 messages! {
     /// Measured less modelled positions of the model beside the machine: 250 Hz an axis while
     /// samples come.

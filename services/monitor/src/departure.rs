@@ -1,6 +1,8 @@
 //! When the machine departs from the model: the innovation's energy against its baseline, by a
 //! cumulative sum.
 
+use ipc_types::MODEL_DEPARTURE_SUM;
+
 use crate::bank::CHANNELS;
 
 /// Energy that the machine may have more than in the baseline, as the logarithm of the ratio: the
@@ -10,9 +12,7 @@ const SLACK: f64 = 0.9;
 const SPREADS: f64 = 2.5;
 /// Most that one block adds: it alone is no departure.
 const MOST: f64 = 1.5;
-/// The machine has departed when the sum exceeds this ...
-const DEPARTED: f64 = 2.5;
-/// ... and has come back after so many blocks in a row within the slack.
+/// The machine has come back after so many blocks in a row within the slack.
 const BACK: u32 = 20;
 
 /// The innovation of a machine that is as it should be.
@@ -106,7 +106,7 @@ impl Detector {
             return Verdict::Returns;
         }
         self.since = if largest > 0.0 { self.since + 1 } else { 0 };
-        if largest > DEPARTED {
+        if largest > MODEL_DEPARTURE_SUM {
             self.departed = true;
             return Verdict::Departs;
         }

@@ -10,8 +10,8 @@ mod table;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use ipc_types::{
-    AXES, CardKind, EnableToken, ExperimentRequest, GateCause, GateState, LoggerRequest, Process,
-    Profile, ScanProgress, TOPICS, TripCause, WatchdogState,
+    AXES, CardKind, EnableToken, ExperimentRequest, GateCause, GateState, LoggerRequest,
+    ModelStatus, Process, Profile, ScanProgress, TOPICS, TripCause, WatchdogState,
 };
 use launch::{RigState, UnitState};
 use runtime::{DomainError, HostStall, Losses, RigName};
@@ -19,7 +19,6 @@ use serde::Serialize;
 
 use self::observe::Observer;
 use crate::{Error, RigLink};
-pub use model::ModelStatus;
 pub use percentiles::Percentiles;
 pub use protocol::ProtocolStatus;
 pub use scanner::ScannerStatus;
@@ -332,8 +331,7 @@ impl RigStatus {
                 cycles_missed: sample.cycles_missed,
             });
         }
-        let rate_hz = seen.samples.rate_hz().unwrap_or(f64::INFINITY);
-        self.model = seen.model.status(rate_hz);
+        self.model = seen.model.status(seen.samples.rate_hz(), seen.now_ns);
         self.scanner = ScannerStatus::new(seen.pulses.newest.as_ref(), scan, seen.now_ns);
         for (process, rate_hz, _) in seen.fast() {
             if rate_hz.is_some() {

@@ -24,7 +24,8 @@ pub enum Command {
     /// Measures the latency of topics
     #[command(after_help = "Example:\n  farreach probe delay sample command --seconds 2")]
     Delay(RateArgs),
-    /// Shows all topics and the timing of all loops: redrawn on a terminal, once in a pipe
+    /// Shows all topics, the timing of all loops and the model beside the machine: redrawn on a
+    /// terminal, once in a pipe
     #[command(after_help = "Example:\n  farreach probe top --seconds 2")]
     Top(TopArgs),
 }

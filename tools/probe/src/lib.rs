@@ -22,8 +22,8 @@
 //! scan to published: within the rig
 //! ```
 //!
-//! `top` shows all topics and the timing of the loops, `list` the topics and their fields with
-//! units.
+//! `top` shows all topics, the timing of the loops, and the model beside the machine where the
+//! monitor runs, `list` the topics and their fields with units.
 
 mod args;
 mod attach;
@@ -31,6 +31,7 @@ mod echo;
 mod fields;
 mod list;
 mod meter;
+mod model_rows;
 mod rates;
 mod top;
 

@@ -12,6 +12,7 @@ use crate::args::TopArgs;
 use crate::attach::{self, Attached};
 use crate::echo::time_of;
 use crate::meter::Meter;
+use crate::model_rows::ModelRows;
 
 /// Polling period; part of the latency shown (ns).
 const PERIOD_NS: u64 = MILLISECOND_NS;
@@ -26,6 +27,7 @@ struct State {
     /// messages and duration (s) of the last pictures, by topic
     counts: Vec<VecDeque<(u64, f64)>>,
     timings: Vec<LoopTiming>,
+    model: ModelRows,
 }
 
 impl State {
@@ -34,6 +36,7 @@ impl State {
             meters: topics.iter().map(|topic| Meter::new(topic)).collect::<Result<Vec<_>, _>>()?,
             counts: vec![VecDeque::new(); topics.len()],
             timings: Vec::new(),
+            model: ModelRows::default(),
         })
     }
 
@@ -55,6 +58,7 @@ impl State {
             }
             self.timings.sort_by_key(|timing| timing.source);
         }
+        self.model.observe(topic, bytes);
         if time_of(bytes) >= since_ns {
             self.meters[index].observe(bytes, received_ns);
         }
@@ -77,8 +81,16 @@ impl State {
         if seconds > 0.0 { messages as f64 / seconds } else { 0.0 }
     }
 
+    /// Rate of the samples (Hz), by acquisition's loop.
+    fn sample_rate_hz(&self) -> Option<f64> {
+        let own = |timing: &&LoopTiming| timing.source == Process::Acquisition.code();
+        let timing = self.timings.iter().find(own)?;
+        (timing.period_ns > 0).then(|| 1e9 / timing.period_ns as f64)
+    }
+
     fn reset(&mut self) {
         self.meters.iter_mut().for_each(Meter::reset);
+        self.model.reset();
     }
 
     /// Renders a screen; `feeds` gives name, messages received and lost of each topic. Sentences
@@ -102,28 +114,7 @@ impl State {
             "loop", "Hz", "missed", "late µs: p50   p99   max", "run µs: p50 p99 max"
         ));
         for timing in &self.timings {
-            let us = |ns: u64| format!("{:.0}", ns as f64 * 1e-3);
-            let process = Process::from_code(timing.source).map_or("?", Process::text);
-            let [late, runs] = [timing.wake_late_ns, timing.execution_ns];
-            let silent = now_ns.saturating_sub(timing.time_ns) > SILENT_NS;
-            line(format!(
-                "{process:<11} {:>6.0} {:>6}  {:>12} {:>5} {:>5}  {:>9} {:>4} {:>4}  {}",
-                1e9 / timing.period_ns.max(1) as f64,
-                timing.missed_periods,
-                us(late[0]),
-                us(late[1]),
-                us(late[3]),
-                us(runs[0]),
-                us(runs[1]),
-                us(runs[3]),
-                match (silent, timing.memory_locked, timing.kept_awake) {
-                    (true, ..) => "SILENT",
-                    (false, 1, 1) => "both",
-                    (false, 1, _) => "lock",
-                    (false, _, 1) => "awake",
-                    (false, ..) => "-",
-                },
-            ));
+            line(loop_row(timing, now_ns));
         }
         for timing in &self.timings {
             let losses = Losses::told_by(timing);
@@ -133,6 +124,12 @@ impl State {
             }
         }
         line(String::new());
+        let (table, sentences) = self.model.render(self.sample_rate_hz(), now_ns);
+        if !table.is_empty() {
+            table.into_iter().for_each(&mut line);
+            sentences.into_iter().map(words).for_each(&mut line);
+            line(String::new());
+        }
         line(format!(
             "{:<21} {:>8} {:>6} {:>11}  {:>12} {:>7} {:>7}",
             "topic", "rate Hz", "lost", "received", "late µs: p50", "p99", "max"
@@ -161,6 +158,32 @@ impl State {
         ));
         text
     }
+}
+
+/// The row of a loop.
+fn loop_row(timing: &LoopTiming, now_ns: u64) -> String {
+    let us = |ns: u64| format!("{:.0}", ns as f64 * 1e-3);
+    let process = Process::from_code(timing.source).map_or("?", Process::text);
+    let [late, runs] = [timing.wake_late_ns, timing.execution_ns];
+    let silent = now_ns.saturating_sub(timing.time_ns) > SILENT_NS;
+    format!(
+        "{process:<11} {:>6.0} {:>6}  {:>12} {:>5} {:>5}  {:>9} {:>4} {:>4}  {}",
+        1e9 / timing.period_ns.max(1) as f64,
+        timing.missed_periods,
+        us(late[0]),
+        us(late[1]),
+        us(late[3]),
+        us(runs[0]),
+        us(runs[1]),
+        us(runs[3]),
+        match (silent, timing.memory_locked, timing.kept_awake) {
+            (true, ..) => "SILENT",
+            (false, 1, 1) => "both",
+            (false, 1, _) => "lock",
+            (false, _, 1) => "awake",
+            (false, ..) => "-",
+        },
+    )
 }
 
 pub(crate) fn top(args: &TopArgs, rig_name: &RigName, out: &mut dyn Write) -> anyhow::Result<()> {

@@ -5,7 +5,7 @@ use std::io::Write;
 use std::path::Path;
 
 use anyhow::Context;
-use ipc_types::{Event, EventKind, INNOVATION, Innovation, SAMPLE, Sample};
+use ipc_types::{INNOVATION, Innovation, SAMPLE, Sample};
 use monitor::{Report, RigMonitor};
 use recording::mcap_read::Recording;
 use recording::mcap_write::key;
@@ -14,6 +14,7 @@ use serde::Serialize;
 
 use crate::all_parts::AllParts;
 use crate::inspect::grouped;
+use crate::monitored::{Happened, Sites};
 use crate::output::{none_exists, write_new};
 use crate::{DATA_LOST, DONE};
 
@@ -37,21 +38,8 @@ struct Replay {
     live: u64,
     /// Those of them that are the same to the last bit.
     same: u64,
-    /// What happened.
+    /// What happened, at the times of the samples.
     events: Vec<Happened>,
-}
-
-/// An event of the monitor.
-#[derive(Debug, Serialize)]
-struct Happened {
-    /// Time of the sample since the recording began (s).
-    t_s: f64,
-    /// What.
-    event: &'static str,
-    /// The axis.
-    axis: usize,
-    /// More of it.
-    text: String,
 }
 
 pub(crate) fn innovations(
@@ -81,8 +69,8 @@ pub(crate) fn innovations(
         let (same, live) = (grouped(replay.same), grouped(replay.live));
         writeln!(out, "  {same} of {live} that were published live are the same to the last bit")?;
     }
-    for Happened { t_s, event, axis, text } in &replay.events {
-        writeln!(out, "  {t_s:>9.3} s  axis {axis}: {event}: {text}")?;
+    for event in &replay.events {
+        writeln!(out, "  {}", event.line())?;
     }
     Ok(code)
 }
@@ -124,7 +112,7 @@ fn replay(
     let stretches = if live.is_empty() { vec![whole] } else { stretches(live) };
     let began_ns = recording.began_monotonic_ns();
     let mut monitor = RigMonitor::new(rig);
-    let (mut rows, mut events) = (Vec::new(), Vec::new());
+    let (mut rows, mut events, mut sites) = (Vec::new(), Vec::new(), Sites::default());
     let mut at = 0;
     for message in recording.messages::<Sample>(SAMPLE.topic.name)? {
         let sample = message?.message;
@@ -144,8 +132,8 @@ fn replay(
         monitor.see(&sample, &mut |report| -> anyhow::Result<()> {
             match report {
                 Report::Innovation(row) => rows.push(row),
-                Report::Event(event) => events.push(Happened::new(&event, t_s)),
-                Report::State(_) => {}
+                Report::Event(event) => events.push(Happened::new(&event, t_s, &sites)),
+                Report::State(state) => sites.see(&state),
             }
             Ok(())
         })?;
@@ -160,13 +148,6 @@ fn replay(
     let same = live.iter().filter(is_same).count() as u64;
     let replay = Replay { rows: rows.len() as u64, live: live.len() as u64, same, events };
     Ok((replay, rows))
-}
-
-impl Happened {
-    fn new(event: &Event, t_s: f64) -> Self {
-        let kind = EventKind::from_code(event.kind).map_or("unknown", EventKind::text);
-        Self { t_s, event: kind, axis: event.a as usize, text: event.text().to_owned() }
-    }
 }
 
 /// The rows as CSV.

@@ -11,6 +11,7 @@ use recording::mcap_read::{Check, Recording, TopicCheck};
 use recording::mcap_write::key;
 use serde_json::{Value, json};
 
+use crate::monitored::Monitored;
 use crate::{DATA_LOST, DONE};
 
 /// Prints one entry of the metadata: of the recording, or of a protocol that was played.
@@ -42,8 +43,11 @@ pub(crate) fn grouped(number: u64) -> String {
 pub(crate) fn info(file: &Path, json: bool, out: &mut dyn Write) -> anyhow::Result<i32> {
     let recording = Recording::open(file)?;
     let check = recording.check()?;
+    let monitored = Monitored::read(&recording)?;
     if json {
-        writeln!(out, "{}", as_json(&recording, &check))?;
+        let mut value = as_json(&recording, &check);
+        value["model"] = json!(monitored);
+        writeln!(out, "{value}")?;
         return Ok(DONE);
     }
     let name = file.display();
@@ -84,7 +88,23 @@ pub(crate) fn info(file: &Path, json: bool, out: &mut dyn Write) -> anyhow::Resu
             seconds(topic.last_ns)
         )?;
     }
+    of_the_model(&monitored, out)?;
     Ok(DONE)
+}
+
+/// What the monitor said; nothing where none ran.
+fn of_the_model(monitored: &Monitored, out: &mut dyn Write) -> std::io::Result<()> {
+    if monitored.events.is_empty() && monitored.last.is_empty() {
+        return Ok(());
+    }
+    writeln!(out, "  the model beside the machine (farreach rec innovations):")?;
+    for event in &monitored.events {
+        writeln!(out, "  {}", event.line())?;
+    }
+    for sentence in &monitored.last {
+        writeln!(out, "    at the end: {sentence}")?;
+    }
+    Ok(())
 }
 
 /// What the recording says about itself.

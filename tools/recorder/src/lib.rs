@@ -59,6 +59,7 @@ mod innovations;
 mod inspect;
 mod mat;
 mod mat_file;
+mod monitored;
 mod muscles;
 mod names;
 mod output;

@@ -7,8 +7,9 @@ use std::fs;
 use std::path::Path;
 
 use ipc_types::{
-    COMMAND, Event, EventKind, Message, MotorCommand, Process, SAMPLE, SCANNER, Sample,
-    ScannerPulse, Severity, VOLUME, Volume, VolumeSource, event_topic,
+    COMMAND, Event, EventKind, MODEL_STATE, Message, ModelSite, ModelState, MonitorState,
+    MotorCommand, Process, SAMPLE, SCANNER, Sample, ScannerPulse, Severity, VOLUME, Volume,
+    VolumeSource, event_topic,
 };
 use recorder::{DATA_LOST, DONE};
 use recording::mcap_write::{Start, Writer, key};
@@ -325,6 +326,38 @@ fn info_says_when_who_and_what() {
     assert!(
         fails(&["info", path.to_str().unwrap(), "--text", "x"]).contains("it has analog.3.name")
     );
+}
+
+#[test]
+fn info_tells_what_the_monitor_said() {
+    let dir = Folder::new();
+    let path = dir.path("run.mcap");
+    let mut writer = Writer::create(&path, &Start::default(), 0).unwrap();
+    writer.write_message(&SAMPLE, &sample(0)).unwrap();
+    let (events, began_ns) = (event_topic(Process::Monitor).unwrap(), sample(0).time_ns);
+    let mut say = |at, kind, state: MonitorState, site: ModelSite, text| {
+        let (state, site, time_ns) = (state.code(), site.code(), began_ns + at * 1_000_000_000);
+        let mut of = ModelState { learnt: 1.0, state, site, cusum: 4.0, ..ModelState::default() };
+        of.stamp(11, 44, at, time_ns);
+        writer.write_message(&MODEL_STATE, &of).unwrap();
+        let mut event = Event::new(Process::Monitor, kind, Severity::Info, text);
+        event.stamp(11, 44, at, time_ns + 1);
+        writer.write_message(&events, &event).unwrap();
+    };
+    say(0, EventKind::ProcessStarted, MonitorState::Learning, ModelSite::None, "");
+    say(20, EventKind::BaselineLearnt, MonitorState::Steady, ModelSite::None, "handle");
+    let text = "handle: as no listed effect";
+    say(31, EventKind::ModelDeparted, MonitorState::Departed, ModelSite::Line, text);
+    writer.finish(&[]).unwrap();
+    let (_, info) = rec(&["info", path.to_str().unwrap()]);
+    let said = "20.000 s  axis 0: baseline learnt: handle
+     31.000 s  axis 0: model departed at the line: handle: as no listed effect
+    at the end: axis 0: DEPARTED at the line: handle: as no listed effect (";
+    assert!(info.contains(said) && !info.contains("process started"), "{info}");
+    let (_, info) = rec(&["info", path.to_str().unwrap(), "--json"]);
+    let info: serde_json::Value = serde_json::from_str(&info).unwrap();
+    let departed = &info["model"]["events"][1];
+    assert_eq!((&departed["event"], &departed["site"]), (&"model departed".into(), &"line".into()));
 }
 
 #[test]

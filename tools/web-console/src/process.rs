@@ -9,8 +9,9 @@ use std::time::{Duration, Instant};
 
 use axum::extract::ws::Utf8Bytes;
 use ipc_types::{
-    COMMAND, EnableToken, Event, EventKind, Heartbeat, Mode, MotorCommand, PERFORMANCE, PROCESSES,
-    Performance, Process, SAMPLE, Sample, Severity, TOKEN, event_topic,
+    COMMAND, EnableToken, Event, EventKind, Heartbeat, INNOVATION, Innovation, MODEL_STATE, Mode,
+    ModelState, MotorCommand, PERFORMANCE, PROCESSES, Performance, Process, SAMPLE, Sample,
+    Severity, TOKEN, event_topic,
 };
 use operator::ConsoleAddress;
 use operator::status::Watcher;
@@ -24,7 +25,7 @@ use crate::board::{Audience, Slot};
 use crate::commands::{Command, Commander};
 use crate::desk::Shared;
 use crate::page_link::Pages;
-use crate::plot_batch::Plotter;
+use crate::plot_batch::{InnovationPlotter, Plotter};
 use crate::rig_view::{self, RigView};
 use crate::run_state::RunStateFile;
 use crate::runner::Runner;
@@ -246,10 +247,13 @@ struct Console {
     commands: Subscriber<MotorCommand>,
     tokens: Subscriber<EnableToken>,
     performances: Subscriber<Performance>,
+    models: Subscriber<ModelState>,
+    innovations: Subscriber<Innovation>,
     events: Vec<Subscriber<Event>>,
     heartbeats: Publisher<Heartbeat>,
     view: RigView,
     plotter: Plotter,
+    innovation_plotter: InnovationPlotter,
     /// What the subject was shown last.
     seen: Option<SubjectView>,
     /// The instruction that a subject's page shows; `None` where none is open.
@@ -265,7 +269,8 @@ impl Console {
         shared: Arc<Shared>,
     ) -> Result<Self, ConsoleError> {
         let topics = PROCESSES.iter().filter_map(|entry| event_topic(entry.process));
-        let plotter = Plotter::new(recorder::signals(&rig), rig.rates.acquisition_hz);
+        let rate_hz = rig.rates.acquisition_hz;
+        let plotter = Plotter::new(recorder::signals(&rig), rate_hz);
         Ok(Self {
             rig,
             shared,
@@ -273,10 +278,13 @@ impl Console {
             commands: service.subscriber(COMMAND)?,
             tokens: service.subscriber(TOKEN)?,
             performances: service.subscriber(PERFORMANCE)?,
+            models: service.subscriber(MODEL_STATE)?,
+            innovations: service.subscriber(INNOVATION)?,
             events: topics.map(|topic| service.subscriber(topic)).collect::<Result<_, _>>()?,
             heartbeats: service.heartbeat_publisher()?,
             view: RigView::default(),
             plotter,
+            innovation_plotter: InnovationPlotter::new(rate_hz),
             seen: None,
             instruction: None,
             beat: Instant::now(),
@@ -343,18 +351,31 @@ impl Console {
         if let Some(performance) = self.performances.latest()? {
             self.view.performance = Some(performance);
         }
+        self.read_model()?;
         let now_ns = now_ns();
         for events in &mut self.events {
             while let Some(event) = events.take()? {
-                if event.source == Process::Experiment.code() {
-                    self.view.see(&event);
-                }
+                self.view.see(&event);
                 let audience = match rig_view::is_for_subjects(&event) {
                     true => Audience::All,
                     false if is_silent(&event) => continue,
                     false => Audience::Operators,
                 };
                 self.shared.board.tell(audience, &rig_view::event(&event, now_ns));
+            }
+        }
+        Ok(())
+    }
+
+    /// What the monitor publishes, where one runs.
+    fn read_model(&mut self) -> Result<(), PortError> {
+        while let Some(state) = self.models.take()? {
+            self.view.model.see_state(&state);
+        }
+        while let Some(row) = self.innovations.take()? {
+            if let Some(batch) = self.innovation_plotter.take(&row) {
+                let message = json!({ "type": "innovation", "axis": row.axis, "batch": batch });
+                self.shared.board.tell(Audience::Operators, &message);
             }
         }
         Ok(())
@@ -384,6 +405,8 @@ impl Console {
             self.commands.counters(),
             self.tokens.counters(),
             self.performances.counters(),
+            self.models.counters(),
+            self.innovations.counters(),
         ] {
             lost += counters.lost;
         }

@@ -1,8 +1,8 @@
 //! The rig as the operator sees it: the newest messages of its topics.
 
 use ipc_types::{
-    EnableToken, Event, EventKind, GateState, Mode, Performance, Process, Sample, Severity,
-    TripCause, WatchdogState,
+    EnableToken, Event, EventKind, GateState, Mode, ModelStatus, NewestModel, Performance, Process,
+    Sample, Severity, TripCause, WatchdogState,
 };
 use rig::{AxisUnit, RigFile};
 use serde_json::{Value, json};
@@ -20,11 +20,22 @@ pub(crate) struct RigView {
     pub(crate) mode: Option<(Mode, u64)>,
     /// What the protocol told the subject at the beginning of the segment.
     pub(crate) told: Option<String>,
+    /// What the monitor says of the model beside the machine.
+    pub(crate) model: NewestModel,
 }
 
 impl RigView {
-    /// Takes an event: what the subject is told holds for one segment.
+    /// Takes an event of any process.
     pub(crate) fn see(&mut self, event: &Event) {
+        match Process::from_code(event.source) {
+            Some(Process::Experiment) => self.see_experiment(event),
+            Some(Process::Monitor) => self.model.see_event(event),
+            _ => {}
+        }
+    }
+
+    /// What the subject is told holds for one segment.
+    fn see_experiment(&mut self, event: &Event) {
         match EventKind::from_code(event.kind) {
             Some(EventKind::Instruction) => self.told = Some(event.text().to_owned()),
             Some(
@@ -49,7 +60,7 @@ impl RigView {
         self.mode.filter(|(_, at_ns)| is_fresh(*at_ns, now_ns)).map(|(mode, _)| mode)
     }
 
-    /// Interlocks, gate, homing and handle.
+    /// Interlocks, gate, homing and handle, and the model beside the machine.
     pub(crate) fn state(&self, rig: &RigFile, now_ns: u64) -> Value {
         let token = self.token.filter(|token| is_fresh(token.time_ns, now_ns));
         let sample = self.sample.filter(|sample| is_fresh(sample.time_ns, now_ns));
@@ -66,7 +77,23 @@ impl RigView {
             "gate_open": sample.map(|sample| sample.gate_state == GateState::Open.code()),
             "mode": self.mode(now_ns).map(Mode::text),
             "axes": sample.map(|sample| axes(rig, &sample)),
+            "model": self.model(rig, now_ns),
         })
+    }
+
+    /// The model beside each axis; empty without the monitor.
+    fn model(&self, rig: &RigFile, now_ns: u64) -> Vec<Value> {
+        let rate_hz = f64::from(rig.rates.acquisition_hz);
+        let status = self.model.status(Some(rate_hz), now_ns);
+        let axis = |axis: &ModelStatus| {
+            json!({
+                "axis": axis.axis,
+                "state": axis.state,
+                "departed": axis.is_departed(),
+                "text": axis.sentence(),
+            })
+        };
+        status.iter().map(axis).collect()
     }
 }
 
@@ -122,6 +149,8 @@ mod tests {
 
     use std::path::Path;
 
+    use ipc_types::{Message as _, ModelSite, ModelState, MonitorState};
+
     use super::*;
 
     #[test]
@@ -154,6 +183,37 @@ mod tests {
         assert_eq!(see(EventKind::Instruction, "Relax."), Some("Relax.".to_owned()));
         assert_eq!(see(EventKind::Beat, ""), Some("Relax.".to_owned()));
         assert_eq!(see(EventKind::SegmentStarted, "next"), None);
+    }
+
+    #[test]
+    fn a_departed_model_is_told_as_in_the_status() {
+        let rig = rig::load_rig(Path::new("hydrostatic")).unwrap();
+        let mut view = RigView::default();
+        assert_eq!(view.state(&rig, 0)["model"], json!([]));
+        let mut state = ModelState {
+            tick: 5000,
+            departed_tick: 1000,
+            learnt: 1.0,
+            slave_ratio: 8.0,
+            cusum: 4.25,
+            state: MonitorState::Departed.code(),
+            site: ModelSite::Slave.code(),
+            ..ModelState::default()
+        };
+        state.stamp(1, 2, 3, 0);
+        view.model.see_state(&state);
+        let text = "handle: as backlash@slave=0.050 rad";
+        let (kind, severity) = (EventKind::ModelDeparted, Severity::Warning);
+        view.see(&Event::new(Process::Monitor, kind, severity, text));
+        let model = view.state(&rig, 1)["model"].clone();
+        assert_eq!((&model[0]["state"], &model[0]["departed"]), (&json!("departed"), &json!(true)));
+        assert_eq!(model[0]["text"], view.model.status(Some(2000.0), 1)[0].sentence());
+        let told = model[0]["text"].as_str().unwrap();
+        assert!(told.starts_with("axis 0: DEPARTED 2 s ago at the slave: handle: as"), "{told}");
+        // Back again: the banner goes.
+        view.model.see_state(&ModelState { state: MonitorState::Steady.code(), ..state });
+        let model = view.state(&rig, 1)["model"].clone();
+        assert_eq!(model[0]["departed"], false);
     }
 
     #[test]

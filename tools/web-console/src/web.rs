@@ -23,6 +23,7 @@ const PARTS: &[(&str, &str, &str)] = &[
     ("/", "text/html; charset=utf-8", include_str!("pages/operator.html")),
     ("/operator.js", "text/javascript; charset=utf-8", include_str!("pages/operator.js")),
     ("/setup.js", "text/javascript; charset=utf-8", include_str!("pages/setup.js")),
+    ("/model.js", "text/javascript; charset=utf-8", include_str!("pages/model.js")),
     ("/plots.js", "text/javascript; charset=utf-8", include_str!("pages/plots.js")),
     ("/link.js", "text/javascript; charset=utf-8", include_str!("pages/link.js")),
     ("/bars.js", "text/javascript; charset=utf-8", include_str!("pages/bars.js")),

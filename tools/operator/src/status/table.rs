@@ -5,9 +5,7 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 use ipc_types::{GateCause, TripCause};
 use launch::RigState;
 
-use super::{
-    LastTrip, ModelStatus, ProcessStatus, ProtocolStatus, RigStatus, ScannerStatus, WatchdogStatus,
-};
+use super::{LastTrip, ProcessStatus, ProtocolStatus, RigStatus, ScannerStatus, WatchdogStatus};
 
 /// Returns the status as aligned text of at most `width` columns. The table of processes is 79
 /// columns wide as long as no counter outgrows its column; longer sentences are wrapped.
@@ -52,7 +50,8 @@ pub fn table(status: &RigStatus, now: SystemTime, width: usize) -> String {
     lines.extend(unhomed_line(&status.unhomed, rig::home_protocol(status.axes)));
     lines.extend(status.protocol.iter().flat_map(ProtocolStatus::lines));
     lines.extend(status.scanner.as_ref().map(ScannerStatus::line));
-    lines.extend(status.model.iter().map(ModelStatus::line));
+    let model = status.model.iter();
+    lines.extend(model.map(|axis| format!("model     {}", axis.sentence())));
     if let Some(recording) = &status.recording {
         lines.push(match &recording.file {
             Some(file) => {

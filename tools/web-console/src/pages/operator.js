@@ -167,6 +167,7 @@ Link.on("state", (message) => {
         .join("   ");
     const faults = rig.faults.length > 0 ? `active: ${rig.faults.join(", ")}` : "no active fault";
     element("interlocks").textContent = rig.cause ? `cause: ${rig.cause}; ${faults}` : faults;
+    Model.show(rig.model);
     showRun(desk);
     showRecording(desk.recording);
     element("losses").dataset.lost = message.lost;
@@ -312,6 +313,7 @@ Link.on("page-clock", (message) => {
 });
 
 Link.on("plot", (message) => Plots.take(message.batch));
+Link.on("innovation", (message) => Model.take(message.axis, message.batch));
 
 Link.on("event", (event) => {
     if (event.kind === "beat") { return; }
