@@ -68,8 +68,12 @@ impl ModelRows {
             return Default::default();
         }
         let head = format!(
-            "{:<11} {:<14} {:>20} {:>8}  {:<10} sum of {MODEL_DEPARTURE_SUM}  place",
-            "model", "state", "innovation °: master", "slave", ""
+            "{:<7} {:<14} {:>20} {:>8}  {:<16}  place",
+            "model",
+            "state",
+            "innovation °: master",
+            "slave",
+            format!("sum, of {MODEL_DEPARTURE_SUM}")
         );
         let rows = axes.iter().map(|axis| self.row(axis));
         let table = std::iter::once(head).chain(rows).collect();
@@ -95,7 +99,7 @@ impl ModelRows {
         );
         let place = axis.site.map_or("", ModelSite::text);
         format!(
-            "{:<11} {state:<14} {:>20} {:>8}  {bar:<BAR$} {sum:>10}  {place}",
+            "{:<7} {state:<14} {:>20} {:>8}  {bar:<BAR$} {sum:>5}  {place}",
             format!("axis {}", axis.axis),
             rms(0),
             rms(1),

@@ -334,9 +334,9 @@ fn info_tells_what_the_monitor_said() {
     let path = dir.path("run.mcap");
     let mut writer = Writer::create(&path, &Start::default(), 0).unwrap();
     writer.write_message(&SAMPLE, &sample(0)).unwrap();
-    let (events, began_ns) = (event_topic(Process::Monitor).unwrap(), sample(0).time_ns);
+    let events = event_topic(Process::Monitor).unwrap();
     let mut say = |at, kind, state: MonitorState, site: ModelSite, text| {
-        let (state, site, time_ns) = (state.code(), site.code(), began_ns + at * 1_000_000_000);
+        let (state, site, time_ns) = (state.code(), site.code(), at * 1_000_000_000);
         let mut of = ModelState { learnt: 1.0, state, site, cusum: 4.0, ..ModelState::default() };
         of.stamp(11, 44, at, time_ns);
         writer.write_message(&MODEL_STATE, &of).unwrap();
