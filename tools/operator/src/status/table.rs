@@ -2,7 +2,7 @@
 
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
-use ipc_types::{GateCause, TripCause};
+use ipc_types::{GateCause, ModelStatus, TripCause};
 use launch::RigState;
 
 use super::{LastTrip, ProcessStatus, ProtocolStatus, RigStatus, ScannerStatus, WatchdogStatus};
@@ -50,8 +50,7 @@ pub fn table(status: &RigStatus, now: SystemTime, width: usize) -> String {
     lines.extend(unhomed_line(&status.unhomed, rig::home_protocol(status.axes)));
     lines.extend(status.protocol.iter().flat_map(ProtocolStatus::lines));
     lines.extend(status.scanner.as_ref().map(ScannerStatus::line));
-    let model = status.model.iter();
-    lines.extend(model.map(|axis| format!("model     {}", axis.sentence())));
+    lines.extend(status.model.iter().map(model_line));
     if let Some(recording) = &status.recording {
         lines.push(match &recording.file {
             Some(file) => {
@@ -124,6 +123,10 @@ fn unhomed_line(axes: &[usize], protocol: &str) -> Option<String> {
     Some(format!(
         "homing    {which} NOT HOMED: positions count from power-up (farreach run {protocol})"
     ))
+}
+
+fn model_line(model: &ModelStatus) -> String {
+    format!("model     {}", model.sentence())
 }
 
 fn watchdog_line(watchdog: &WatchdogStatus, now: SystemTime) -> String {
