@@ -1,5 +1,8 @@
 //! The table of `docs/live-loop.md`: tuning of rigs with hidden effects, in lock-step.
-//! `cargo run --release -p tune --example tuning_table -- hydrostatic SEED`
+//! `cargo run --release -p tune --example tuning_table -- hydrostatic SEED [DIR]`
+//!
+//! With a folder it writes, for each effect, the rig file of the true machine and that of a control
+//! that knows it, to be run live: `farreach up --simulate --rig KNOWING --machine TRUTH`.
 
 use std::time::Instant;
 
@@ -7,7 +10,7 @@ use anyhow::{Context as _, Result};
 use identify::study::{StudyOptions, study};
 use identify::write_rig::Provenance;
 use rig::protocol::Protocol;
-use rig::{RIGS, RigFile, load_protocol};
+use rig::{RigFile, load_protocol, load_rig};
 use tune::proposal::{Predicted, best_control, propose};
 use tune::simulated::{Machine, play};
 
@@ -43,15 +46,16 @@ fn rms(control: &RigFile, truth: &RigFile, movement: &Protocol) -> Result<f64> {
 fn main() -> Result<()> {
     let name = std::env::args().nth(1).unwrap_or_else(|| "hydrostatic".to_owned());
     let seed = std::env::args().nth(2).map_or(Ok(1), |text| text.parse::<u64>())?;
-    let shipped = RIGS.iter().find(|shipped| shipped.name == name).context("no such rig")?;
-    let mut rig = RigFile::parse(shipped.text, &name)?;
+    let folder = std::env::args().nth(3);
+    let mut rig = load_rig(name.as_ref())?;
+    let text = rig.text().to_owned();
     rig.simulation.seed = seed;
     let excitation = load_protocol("tuning-excitation".as_ref(), &[])?;
     let movement = load_protocol("guided-1hz".as_ref(), &["segments.0.duration_s=12".to_owned()])?;
     println!("| hidden effect | found | before | predicted | after | knows the truth | ratio |");
     println!("|---|---|---|---|---|---|---|");
     for effect in EFFECTS {
-        let mut truth = RigFile::parse(&declared(shipped.text, effect)?, "truth")?;
+        let mut truth = RigFile::parse(&declared(&text, effect)?, "truth")?;
         truth.simulation.seed = seed;
         let begun = Instant::now();
         let before = rms(&rig, &truth, &movement)?;
@@ -64,6 +68,12 @@ fn main() -> Result<()> {
         let after = rms(&proposal.control.rig, &truth, &movement)?;
         let knowing = best_control(&truth, &movement)?;
         let best = rms(&knowing.rig, &truth, &movement)?;
+        if let Some(folder) = &folder {
+            let id = effect.split('@').next().unwrap_or(effect);
+            for (what, file) in [("truth", &truth), ("knowing", &knowing.rig)] {
+                std::fs::write(format!("{folder}/{id}-{what}.toml"), file.text())?;
+            }
+        }
         println!(
             "| `{effect}` | {} | {:.1} | {:.1} → {:.1} | {:.1} | {:.1} | {:.2} |",
             names.join(", "),
