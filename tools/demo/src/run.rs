@@ -254,7 +254,7 @@ fn run_session(
         rig_name: name.clone(),
         rig: args.rig.clone(),
         card: Some(CardOptions::of(CardKind::Simulated)),
-        effects: effect.iter().map(|effect| (*effect).to_owned()).collect(),
+        effects: Vec::new(),
         machine: None,
         record: Some(folder.recording()),
         console: None,
@@ -281,7 +281,7 @@ fn run_session(
                 `farreach up --help`, --profile)",
         );
     }
-    let mut session = Session::open(&up, terminal, stop)?;
+    let mut session = Session::open(&up, terminal, stop, effect)?;
     let done = session.play(plan.protocol, &kill_times(plan.protocol)?)?;
     let written = session.finish()?;
     terminal.print(&format!("recording ended, {written} messages"));

@@ -8,8 +8,8 @@ use std::time::{Duration, Instant};
 use anyhow::{Context as _, bail};
 use ipc_types::{
     CARD_SCAN, COMMAND, CardScan, EnableToken, ExperimentRequest, GateCause, GateState,
-    LoggerRequest, MotorCommand, Process, PulseSource, SAMPLE, Sample, TOKEN, TripCause, Verb,
-    WatchdogState,
+    LoggerRequest, MotorCommand, Process, PulseSource, SAMPLE, Sample, SimulatorRequest, TOKEN,
+    TripCause, Verb, WatchdogState,
 };
 use operator::{RigLink, Up};
 use rig::load_protocol;
@@ -82,13 +82,18 @@ pub(crate) struct Session<'a> {
     /// The kill whose consequences are being watched.
     watched: Option<Watched>,
     powered_at: Instant,
+    /// The effect that is yet to be put into the machine.
+    to_hide: Option<String>,
 }
 
 impl<'a> Session<'a> {
+    /// Of a rig that is up; `hidden` is the effect (`ID@SITE=SIZE`) that its machine gets once it is
+    /// homed: not every effect would let the stops be found.
     pub(crate) fn open(
         up: &'a Up,
         terminal: &'a Terminal,
         stop: &'a AtomicBool,
+        hidden: Option<&str>,
     ) -> anyhow::Result<Self> {
         let link = RigLink::open(&up.running.status.rig_name.parse()?)?;
         Ok(Self {
@@ -105,6 +110,7 @@ impl<'a> Session<'a> {
             command: None,
             watched: None,
             powered_at: Instant::now(),
+            to_hide: hidden.map(str::to_owned),
         })
     }
 
@@ -124,6 +130,7 @@ impl<'a> Session<'a> {
         self.terminal.print(&format!("reset, armed, enabled by the operator after {took_s:.1} s"));
         let client = operator::client_number();
         self.home(client)?;
+        self.hide()?;
         self.start(protocol, client)?;
         self.terminal.print(&format!(
             "protocol \"{}\" runs, {:.0} s",
@@ -229,6 +236,16 @@ impl<'a> Session<'a> {
             }
         }
         bail!("the watchdog tripped {UNPROVOKED} times while the rig was homed")
+    }
+
+    /// Puts the effect into the machine, once.
+    fn hide(&mut self) -> anyhow::Result<()> {
+        let Some(effect) = self.to_hide.take() else { return Ok(()) };
+        let answer = self.link.simulator(&SimulatorRequest::Effects { effects: vec![effect] })?;
+        if !answer.error.is_empty() {
+            bail!("the simulated card reports: {}", answer.error);
+        }
+        Ok(())
     }
 
     /// Starts the protocol; if the rig has just tripped, resets, arms and enables it first.

@@ -4,6 +4,8 @@ use std::path::PathBuf;
 
 use recording::record::Mapping;
 
+use crate::study::StudyOptions;
+
 /// Identifies the declared model from measured records and reports the effect that it lacks.
 ///
 /// A record is a recording of farreach's (MCAP) or a CSV file with a header, SI units. Columns of a
@@ -28,7 +30,8 @@ use recording::record::Mapping;
 #[command(
     after_help = "Example:\n  farreach identify --rig launch/rigs/emps.toml emps.csv --report out \
         --json out/identify.json\n  \
-    farreach identify --rig launch/rigs/hydrostatic.toml run-*.csv --write-rig fitted.toml\n\n\
+    farreach identify --rig launch/rigs/hydrostatic.toml run-*.csv --write-rig fitted.toml\n  \
+    farreach identify --rig hydrostatic --trend recordings/ --report out\n\n\
     Exit codes: 0 done (whatever the verdict), 1 the data or the rig file cannot be used, 2 usage"
 )]
 pub struct Args {
@@ -36,8 +39,26 @@ pub struct Args {
     #[arg(long, value_name = "FILE|NAME")]
     pub rig: PathBuf,
     /// Measured records
-    #[arg(value_name = "RECORD", required_unless_present_any = ["fit", "select", "report_on"])]
+    #[arg(
+        value_name = "RECORD",
+        required_unless_present_any = ["fit", "select", "report_on", "trend"]
+    )]
     pub records: Vec<PathBuf>,
+    /// Instead of records: identifies every recording in DIR (*.mcap, *.csv) by itself, and tells
+    /// which declared parameters changed over them, when, and whether the machine is still that of
+    /// the rig file
+    #[arg(
+        long,
+        value_name = "DIR",
+        conflicts_with_all = [
+            "records", "fit", "select", "report_on", "write_rig", "propose_experiment", "calibrate"
+        ]
+    )]
+    pub trend: Option<PathBuf>,
+    /// With --trend, also searches each recording for the effects that the model lacks, which takes
+    /// far longer
+    #[arg(long, requires = "trend")]
+    pub effects: bool,
     /// The axis to identify, by name or by number from 0; required for a rig with several
     #[arg(long, value_name = "NAME|N")]
     pub axis: Option<String>,
@@ -66,7 +87,7 @@ pub struct Args {
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub calibrate: usize,
     /// Time after which the best answer so far is given, and said to be early (s) [default: 120,
-    /// and 120 more for each machine of --calibrate]
+    /// and 120 more for each machine of --calibrate]; with --trend, for each recording
     #[arg(long, value_name = "SECONDS", value_parser = seconds)]
     pub limit_s: Option<f64>,
     /// Threads [default: one per processor]
@@ -93,6 +114,28 @@ impl Args {
     /// Time after which the best answer so far is given (s).
     pub(crate) fn limit_s(&self) -> f64 {
         self.limit_s.unwrap_or(LIMIT_S * (1 + self.calibrate) as f64)
+    }
+
+    /// How records are read.
+    pub(crate) fn reading(&self) -> recording::record::Options {
+        recording::record::Options {
+            mapping: self.map.clone(),
+            resample_hz: self.resample,
+            even_out: true,
+            ..Default::default()
+        }
+    }
+
+    /// How an axis is identified, without proposal and bootstrap.
+    pub(crate) fn study(&self, axis: usize) -> StudyOptions {
+        let own = StudyOptions::default();
+        StudyOptions {
+            jobs: self.jobs.unwrap_or(own.jobs),
+            seed: self.seed,
+            limit_s: Some(self.limit_s()),
+            axis,
+            ..own
+        }
     }
 }
 

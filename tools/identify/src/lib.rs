@@ -7,8 +7,8 @@
 //!
 //! The cores are pure functions on columns of numbers: [`models`] holds one file for each kind of
 //! model behind [`models::Model`]; effects are the plant's, one file each ([`plant::effects`]).
-//! Records are read in [`study::read`] and [`study::read_mapped`]; all else is read and written in
-//! [`run`] only.
+//! Records are read in [`study::read`] and [`study::read_mapped`]; the
+//! folder of a [`trend`] in its own module; all else is read and written in [`run`] only.
 #![cfg_attr(test, allow(clippy::unwrap_used, clippy::expect_used))]
 
 // Records of the integration tests are made with the public interface.
@@ -32,12 +32,14 @@ mod outcome_tables;
 pub mod output_error;
 pub mod prediction_error;
 pub mod regression;
+mod result_files;
 mod run;
 pub mod selection;
 pub mod spectral;
 pub mod study;
 #[cfg(test)]
 mod test_noise;
+pub mod trend;
 #[cfg(test)]
 #[path = "../tests/two_sides/mod.rs"]
 mod two_sides;

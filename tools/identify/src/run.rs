@@ -1,6 +1,5 @@
 //! Reads files, runs the identification, writes files.
 
-use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
 use anyhow::Context as _;
@@ -13,13 +12,13 @@ use crate::chosen_axis::chosen_axis;
 use crate::equation_error::block_roles::Role;
 use crate::error::{IdentifyError, Result};
 use crate::input::Series;
-use crate::outcome::{Outcome, Refusal, RefusalKind};
+use crate::outcome::{Outcome, RefusalKind};
 use crate::outcome_tables::{short, what_is_left};
+use crate::result_files::{kind_of, print, refuse, save, write_new};
 use crate::study::{Identification, StudyOptions, read_mapped, study};
+use crate::trend;
 use crate::write_rig::{Provenance, fitted};
 
-/// File name for standard output.
-const STDOUT: &str = "-";
 /// How often the spinner turns.
 const TICK: std::time::Duration = std::time::Duration::from_millis(120);
 
@@ -31,6 +30,9 @@ const TICK: std::time::Duration = std::time::Duration::from_millis(120);
 /// # Errors
 /// Where the page or the JSON file cannot be written.
 pub fn run(args: Args, revision: &str) -> anyhow::Result<i32> {
+    if let Some(folder) = &args.trend {
+        return trend::run::run(&args, folder);
+    }
     let asked =
         [("--write-rig", &args.write_rig), ("--propose-experiment", &args.propose_experiment)];
     let taken = asked
@@ -41,28 +43,19 @@ pub fn run(args: Args, revision: &str) -> anyhow::Result<i32> {
         // Checked before the long computation.
         let why = "exists already and is not overwritten: name another file";
         let message = format!("{option}: {}: {why}", path.display());
-        return Ok(refuse(&args, RefusalKind::Unusable, message));
+        return Ok(refuse(args.json.as_deref(), RefusalKind::Unusable, message));
     }
     let (rig, studied) = match whole(&args) {
         Ok(result) => result,
         Err(error) => {
-            // An unknown rig name is a usage error, as for `up`.
-            let named = matches!(error.downcast_ref(), Some(rig::FileError::NotShipped { .. }));
-            let mapped = matches!(error.downcast_ref(), Some(IdentifyError::Usage(_)));
-            let kind = if named || mapped { RefusalKind::Usage } else { RefusalKind::Unusable };
-            return Ok(refuse(&args, kind, format!("{error:#}")));
+            return Ok(refuse(args.json.as_deref(), kind_of(&error), format!("{error:#}")));
         }
     };
     let Identification { outcome, page, sentence, detail } = studied;
     let json = serde_json::to_string_pretty(&outcome)?;
     // The result is saved before anything is printed, since the reader of the pipe may close it
     // (`| head`).
-    let json_file = args.json.as_deref().filter(|path| *path != Path::new(STDOUT));
-    if let Some(path) = json_file {
-        make_folder(path)
-            .and_then(|()| files::replace(path, &json))
-            .with_context(|| format!("{}: cannot be written", path.display()))?;
-    }
+    save(args.json.as_deref(), &json)?;
     // Files are independent: if one cannot be written the others are.
     let (mut failed, mut told) = (None, Vec::new());
     if let Some(folder) = &args.report {
@@ -87,37 +80,11 @@ pub fn run(args: Args, revision: &str) -> anyhow::Result<i32> {
         }
     }
     let text = outcome_text(&outcome, &sentence, &detail) + &told.join("\n");
-    let (result, diagnosis) = match args.json.is_some() && json_file.is_none() {
-        true => (json.as_str(), text.trim_end()),
-        false => (text.trim_end(), ""),
-    };
-    writeln!(std::io::stdout(), "{result}")?;
-    if !diagnosis.is_empty() {
-        eprintln!("{diagnosis}");
-    }
+    print(args.json.as_deref(), &json, text.trim_end())?;
     for note in &outcome.notes {
         eprintln!("note: {note}");
     }
     failed.map_or(Ok(code), Err)
-}
-
-/// Tells why there is no result, on stderr and for programs; returns the exit code. The JSON file
-/// is replaced, so that the result of an earlier run is not taken for one of this run.
-fn refuse(args: &Args, kind: RefusalKind, message: String) -> i32 {
-    eprintln!("error: {message}");
-    let code = kind.exit_code();
-    let Some(path) = args.json.as_deref() else { return code };
-    let written = serde_json::to_string_pretty(&Refusal::new(kind, message))
-        .map_err(std::io::Error::from)
-        .and_then(|json| match path == Path::new(STDOUT) {
-            true => writeln!(std::io::stdout(), "{json}"),
-            false => make_folder(path).and_then(|()| files::replace(path, json)),
-        });
-    // The refusal stands, whether or not a program can read of it.
-    if let Err(error) = written {
-        eprintln!("error: {}: cannot be written: {error}", path.display());
-    }
-    code
 }
 
 fn whole(args: &Args) -> anyhow::Result<(RigFile, Identification)> {
@@ -129,14 +96,10 @@ fn whole(args: &Args) -> anyhow::Result<(RigFile, Identification)> {
         .with_style(ProgressStyle::with_template("{spinner} {msg} {elapsed}")?)
         .with_message(format!("searching {} records for what the model lacks", records.len()));
     bar.enable_steady_tick(TICK);
-    let own = StudyOptions::default();
     let how = StudyOptions {
-        jobs: args.jobs.unwrap_or(own.jobs),
-        seed: args.seed,
         propose: args.propose_experiment.is_some(),
         calibrate: args.calibrate,
-        limit_s: Some(args.limit_s()),
-        axis,
+        ..args.study(axis)
     };
     let studied = study(&rig, &records, how);
     bar.finish_and_clear();
@@ -189,17 +152,6 @@ fn write_rig(
     Ok(0)
 }
 
-/// Writes a new file completely or not at all; an existing one is an error.
-fn write_new(path: &Path, text: &str) -> std::io::Result<()> {
-    make_folder(path)?;
-    files::create_new(path, text)
-}
-
-/// Makes the folder of the file at `path`, and those above it.
-fn make_folder(path: &Path) -> std::io::Result<()> {
-    path.parent().map_or(Ok(()), std::fs::create_dir_all)
-}
-
 /// All records with the roles fixed on the command line.
 fn records(args: &Args, rig: &RigFile, axis: usize) -> Result<Vec<Series>> {
     let mut asked: Vec<(&PathBuf, Option<Role>)> = Vec::new();
@@ -228,12 +180,7 @@ fn records(args: &Args, rig: &RigFile, axis: usize) -> Result<Vec<Series>> {
     if fixed {
         share_out(&mut asked)?;
     }
-    let options = recording::record::Options {
-        mapping: args.map.clone(),
-        resample_hz: args.resample,
-        even_out: true,
-        ..Default::default()
-    };
+    let options = args.reading();
     asked
         .into_iter()
         .map(|(path, role)| Ok(Series { role, ..read_mapped(path, rig, axis, &options)? }))
@@ -325,6 +272,8 @@ mod tests {
             fit: Vec::new(),
             select: Vec::new(),
             report_on: Vec::new(),
+            trend: None,
+            effects: false,
         }
     }
 
@@ -387,14 +336,5 @@ mod tests {
         let args =
             Args { fit: Vec::new(), report_on: Vec::new(), records: vec![path, other], ..args };
         assert_eq!(records(&args, &rig, 0).unwrap().len(), 1);
-    }
-
-    #[test]
-    fn a_new_file_never_replaces_another() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("deep").join("a.toml");
-        write_new(&path, "one").unwrap();
-        assert!(write_new(&path, "two").is_err());
-        assert_eq!(std::fs::read_to_string(&path).unwrap(), "one");
     }
 }

@@ -8,13 +8,13 @@ use recording::mcap_read::Recording;
 use recording::mcap_write::{START_RECORD, key};
 use recording::record::{self, ColumnNames, Mapping, SampleColumns};
 use report::Page;
-use rig::{AxisUnit, ModelEffect, RigFile};
+use rig::{AxisUnit, Model as Declared, ModelEffect, RigFile};
 
 use crate::chosen_axis::own_columns;
 use crate::deadline::Deadline;
 use crate::error::{IdentifyError, Result};
 use crate::input::Series;
-use crate::models::{Options, RigCapability, of_kind, sentences};
+use crate::models::{DeclaredFit, Options, RigCapability, of_kind, sentences};
 use crate::outcome::Outcome;
 use crate::prediction_error::other_axes::OtherAxis;
 
@@ -66,13 +66,57 @@ impl Default for StudyOptions {
 /// If the data cannot be used.
 pub fn study(rig: &RigFile, records: &[Series], how: StudyOptions) -> Result<Identification> {
     let started = std::time::Instant::now();
+    let file = name_of(rig, how.axis);
+    let (mut outcome, page) = with_model(rig, records, how, |file, declared, records, options| {
+        of_kind(rig.model.kind).identify(file, declared, records, options)
+    })?;
+    let (_, sentence, detail) = sentences(&outcome, of_kind(rig.model.kind).is_located());
+    let axis = rig.axes.get(how.axis);
+    let declared: Vec<&ModelEffect> =
+        rig.model.effects.iter().chain(axis.iter().flat_map(|axis| &axis.effects)).collect();
+    if !declared.is_empty() {
+        let names: Vec<String> =
+            declared.iter().map(|own| format!("{}@{}", own.id, own.site)).collect();
+        outcome.notes.push(format!(
+            "{file} declares {} already: it is not used, since identify selects effects from these \
+             records alone",
+            names.join(", ")
+        ));
+    }
+    outcome.seconds = started.elapsed().as_secs_f64();
+    Ok(Identification { outcome, page, sentence, detail })
+}
+
+/// Fits the parameters that a rig file declares to records, without a search for effects.
+///
+/// # Errors
+/// If the data cannot be used.
+pub fn fit_declared(rig: &RigFile, records: &[Series], how: StudyOptions) -> Result<DeclaredFit> {
+    with_model(rig, records, how, |file, declared, records, options| {
+        of_kind(rig.model.kind).fit_declared(file, declared, records, options)
+    })
+}
+
+/// The rig file as named in messages, with the axis if it has several.
+fn name_of(rig: &RigFile, axis: usize) -> String {
+    match rig.axes.get(axis).filter(|_| rig.axes.len() > 1) {
+        Some(axis) => format!("{}, axis \"{}\"", rig.file_name(), axis.name),
+        None => rig.file_name().to_owned(),
+    }
+}
+
+/// Passes name, declared model, records from time 0 and options to `work`, which runs on the
+/// threads of `how`.
+fn with_model<T: Send>(
+    rig: &RigFile,
+    records: &[Series],
+    how: StudyOptions,
+    work: impl FnOnce(&str, &Declared, &[Series], Options<'_>) -> Result<T> + Send,
+) -> Result<T> {
+    let started = std::time::Instant::now();
     let axis = rig.axes.get(how.axis);
     let several = axis.filter(|_| rig.axes.len() > 1).map(|axis| axis.name.as_str());
-    let file = match several {
-        Some(name) => format!("{}, axis \"{name}\"", rig.file_name()),
-        None => rig.file_name().to_owned(),
-    };
-    let model = of_kind(rig.model.kind);
+    let file = name_of(rig, how.axis);
     let gear = axis.map_or(1.0, |axis| axis.master.turns_per_handle_turn);
     let slave = axis.and_then(|axis| axis.slave);
     let slave_count_rad = slave.map(|encoder| 1.0 / encoder.counts_per_unit);
@@ -108,22 +152,7 @@ pub fn study(rig: &RigFile, records: &[Series], how: StudyOptions) -> Result<Ide
         .build()
         .map_err(|error| IdentifyError::Unusable(format!("no threads: {error}")))?;
     let declared = axis.map_or_else(|| rig.model.clone(), |axis| rig.axis_model(axis));
-    let (mut outcome, page) =
-        pool.install(|| model.identify(&file, &declared, records, options))?;
-    let (_, sentence, detail) = sentences(&outcome, model.is_located());
-    let declared: Vec<&ModelEffect> =
-        rig.model.effects.iter().chain(axis.iter().flat_map(|axis| &axis.effects)).collect();
-    if !declared.is_empty() {
-        let names: Vec<String> =
-            declared.iter().map(|own| format!("{}@{}", own.id, own.site)).collect();
-        outcome.notes.push(format!(
-            "{file} declares {} already: it is not used, since identify selects effects from these \
-             records alone",
-            names.join(", ")
-        ));
-    }
-    outcome.seconds = started.elapsed().as_secs_f64();
-    Ok(Identification { outcome, page, sentence, detail })
+    pool.install(|| work(&file, &declared, records, options))
 }
 
 /// Refuses mappings to columns that the model does not have: they would leave out the intended one.

@@ -85,6 +85,24 @@ fn rig(mass_tolerance: f64) -> rig::Model {
 }
 
 #[test]
+fn the_declared_model_alone_is_fitted_without_a_search() {
+    let records = [record(Truth::default(), 5)];
+    let options = one_channel::options(&NEVER);
+    let model = rig(0.25);
+    let fit = identify::models::of_kind(model.kind)
+        .fit_declared("rig.toml", &model, &records, options)
+        .unwrap();
+    let value = |name: &str| fit.parameters.iter().find(|own| own.name == name).unwrap();
+    for (name, truth) in [("mass_kg", MASS), ("viscous_friction_n_s_per_m", VISCOUS)] {
+        let own = value(name);
+        assert!((own.fitted / truth - 1.0).abs() < 0.01, "{own:?}");
+        assert!(own.std.unwrap() < 0.05 * truth && own.identifiable, "{own:?}");
+    }
+    let error = &fit.error["force_n"];
+    assert!(error.declared.unwrap() > 3.0 * error.before, "{error:?}");
+}
+
+#[test]
 fn a_search_that_was_cut_short_decides_nothing_and_says_so() {
     let records = [record(Truth { coulomb: 20.0, ..Truth::default() }, 3)];
     let (whole, page) = run_until(&NEVER, &rig(0.25), &records).unwrap();

@@ -78,7 +78,7 @@ fn svg(figure: &Figure) -> Result<String> {
     });
     let scale = |kind, range: Option<(f64, f64)>, values: &mut dyn Iterator<Item = f64>, margin| {
         match range {
-            Some((low, high)) if low < high && (kind == Kind::Linear || low > 0.0) => {
+            Some((low, high)) if low < high && (kind != Kind::Logarithmic || low > 0.0) => {
                 Some(Scale { kind, low, high })
             }
             _ => Scale::fit(kind, values, margin),
@@ -110,6 +110,7 @@ fn hover_scale(scale: &Scale) -> String {
     let kind = match scale.kind {
         Kind::Linear => "linear",
         Kind::Logarithmic => "log",
+        Kind::Dates => "dates",
     };
     format!("{kind} {:e} {:e}", scale.low, scale.high)
 }

@@ -76,6 +76,12 @@ impl Figure {
         self
     }
 
+    /// An abscissa in seconds since 1970 that is labelled with dates (UTC).
+    pub fn dates(mut self) -> Self {
+        self.x_kind = Kind::Dates;
+        self
+    }
+
     /// A logarithmic ordinate; values of 0 and below are left out.
     pub fn log_y(mut self) -> Self {
         self.y_kind = Kind::Logarithmic;

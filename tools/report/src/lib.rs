@@ -22,6 +22,7 @@
 #![cfg_attr(test, allow(clippy::unwrap_used, clippy::expect_used))]
 
 mod coordinate_map;
+mod dates;
 mod decimate;
 mod draw;
 mod figure;

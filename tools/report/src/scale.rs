@@ -1,10 +1,14 @@
 //! Axis ranges, ticks and their labels.
 
+use crate::dates;
+
 /// How an axis maps values.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Kind {
     Linear,
     Logarithmic,
+    /// Linear in seconds since 1970 (UTC).
+    Dates,
 }
 
 /// One axis: its range (in values) and kind.
@@ -25,7 +29,7 @@ impl Scale {
     /// An axis that shows all `values`, with a margin of `margin` of the range at each end.
     pub(crate) fn fit(kind: Kind, values: impl Iterator<Item = f64>, margin: f64) -> Option<Self> {
         let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
-        for v in values.filter(|v| v.is_finite() && (kind == Kind::Linear || *v > 0.0)) {
+        for v in values.filter(|v| v.is_finite() && (kind != Kind::Logarithmic || *v > 0.0)) {
             low = low.min(v);
             high = high.max(v);
         }
@@ -33,7 +37,7 @@ impl Scale {
             return None;
         }
         Some(match kind {
-            Kind::Linear => {
+            Kind::Linear | Kind::Dates => {
                 let spread = high - low;
                 let pad = if spread > 1e-12 * low.abs().max(high.abs()) {
                     spread * margin
@@ -54,7 +58,7 @@ impl Scale {
     /// Where a value lies between the ends: 0 at the low end, 1 at the high one.
     pub(crate) fn fraction(&self, value: f64) -> f64 {
         match self.kind {
-            Kind::Linear => (value - self.low) / (self.high - self.low),
+            Kind::Linear | Kind::Dates => (value - self.low) / (self.high - self.low),
             Kind::Logarithmic => (value / self.low).ln() / (self.high / self.low).ln(),
         }
     }
@@ -62,6 +66,10 @@ impl Scale {
     /// About `wanted` major ticks at round values.
     pub(crate) fn ticks(&self, wanted: usize) -> Vec<Tick> {
         match self.kind {
+            Kind::Dates => dates::ticks(self.low, self.high, wanted)
+                .into_iter()
+                .map(|(at, label)| Tick { at, label: Some(label) })
+                .collect(),
             Kind::Logarithmic if self.high / self.low >= 10.0 => self.decades(wanted),
             _ => self.steps(wanted),
         }

@@ -4,9 +4,9 @@ use report::Page;
 use rig::{ForceSource, Model as Declared};
 
 use super::single_channel_study::{
-    DeclaredTerm, axis, check_channels, check_scale, declared_parameters, study,
+    DeclaredTerm, axis, check_channels, check_scale, declared_parameters, fit_declared, study,
 };
-use super::{Model, Options};
+use super::{DeclaredFit, Model, Options};
 use crate::effects::Units;
 use crate::equation_error::model::{Column, Parameter, RegressionModel};
 use crate::equation_error::signals::{CutOff, ForceBalance};
@@ -53,6 +53,34 @@ impl Model for ForceBalanceModel {
         records: &[Series],
         options: Options<'_>,
     ) -> Result<(Outcome, Page)> {
+        self.with_predictor(rig_file, declared, records, |predictor, of_data| {
+            study(predictor, records, options, of_data)
+        })
+    }
+
+    fn fit_declared(
+        &self,
+        rig_file: &str,
+        declared: &Declared,
+        records: &[Series],
+        options: Options<'_>,
+    ) -> Result<DeclaredFit> {
+        self.with_predictor(rig_file, declared, records, |predictor, of_data| {
+            fit_declared(&predictor, records, options, of_data)
+        })
+    }
+}
+
+impl ForceBalanceModel {
+    /// Checks and prepares the records, for `conclude`, which also takes the channel's name and
+    /// notes on the data.
+    fn with_predictor<T>(
+        &self,
+        rig_file: &str,
+        declared: &Declared,
+        records: &[Series],
+        conclude: impl FnOnce(Predictor<'_>, (&'static str, Vec<String>)) -> Result<T>,
+    ) -> Result<T> {
         let mut notes: Vec<String> = records.iter().flat_map(|r| r.notes.iter().cloned()).collect();
         let (mut balances, mut channel) = (Vec::new(), "force_n");
         for series in records {
@@ -67,7 +95,7 @@ impl Model for ForceBalanceModel {
         axis.turn = declared.motor_turn().or(axis.turn);
         let regression = RegressionModel { balances, parameters, axis, sites: self.sites };
         check_scale(&regression, channel, self.scale, CHECK_UNITS)?;
-        study(Predictor::EquationError(&regression), records, options, (channel, notes))
+        conclude(Predictor::EquationError(&regression), (channel, notes))
     }
 }
 

@@ -2,6 +2,7 @@
 
 mod bootstrap;
 mod candidate_movements;
+mod declared_fit;
 mod drive;
 mod effect_descriptions;
 mod element;
@@ -24,6 +25,7 @@ mod single_channel_parameters;
 mod single_channel_result;
 mod single_channel_study;
 mod transmission;
+mod transmission_declared_fit;
 mod transmission_outcome;
 mod transmission_page;
 mod transmission_residual_tests;
@@ -31,6 +33,7 @@ mod transmission_study;
 mod unaccepted_effects;
 
 pub use candidate_movements::RigCapability;
+pub use declared_fit::DeclaredFit;
 pub use machine_picture::machine_picture;
 pub(crate) use sentences::sentences;
 
@@ -94,4 +97,17 @@ pub trait Model: Sync {
         records: &[Series],
         options: Options<'_>,
     ) -> Result<(Outcome, Page)>;
+
+    /// Fits the declared model within its tolerances, without a search for what it lacks. What
+    /// would select effects takes part in the fit.
+    ///
+    /// # Errors
+    /// As [`Self::identify`].
+    fn fit_declared(
+        &self,
+        rig_file: &str,
+        declared: &Declared,
+        records: &[Series],
+        options: Options<'_>,
+    ) -> Result<DeclaredFit>;
 }

@@ -15,9 +15,9 @@ use report::Page;
 use rig::{ForceSource, Model as Declared};
 
 use super::single_channel_study::{
-    DeclaredTerm, Need, axis, check_channels, check_scale, declared_parameters, study,
+    DeclaredTerm, Need, axis, check_channels, check_scale, declared_parameters, fit_declared, study,
 };
-use super::{Model, Options};
+use super::{DeclaredFit, Model, Options};
 use crate::effects::Units;
 use crate::equation_error::model::{Column, RegressionModel};
 use crate::equation_error::signals::ForceBalance;
@@ -54,33 +54,58 @@ impl Model for Oscillator {
         series: &[Series],
         options: Options<'_>,
     ) -> Result<(Outcome, Page)> {
-        let units = Units::VOLTS;
-        let parameters = declared_parameters(rig_file, declared, &units, TERMS)?;
-        // The lightest mass on the stiffest spring that the declaration allows.
-        let (mass, stiffness) = (&parameters[0], &parameters[2]);
-        let lightest = (mass.declared - mass.spread).max(0.25 * mass.declared);
-        let natural = ((stiffness.declared + stiffness.spread) / lightest).sqrt();
-        let mut notes: Vec<String> = series.iter().flat_map(|r| r.notes.iter().cloned()).collect();
-        let (mut balances, mut records) = (Vec::new(), Vec::new());
-        for series in series {
-            let (balance, record) = prepare(series, natural, &mut notes)?;
-            balances.push(balance);
-            records.push(record);
-        }
-        let commanded = declared.force != Some(ForceSource::Measured);
-        let axis = axis(&balances, units, true, commanded);
-        let regression = RegressionModel { balances, parameters, axis, sites: SITES };
-        let advice = "check the units: input and output in the same unit (V), t_s in s, and which \
-                      of the two is which";
-        for scale in [
-            (Column::Acceleration, "input and acceleration give a mass"),
-            (Column::Position, "input and output give a stiffness"),
-        ] {
-            check_scale(&regression, "output", scale, advice)?;
-        }
-        let simulation = OutputErrorModel { regression: &regression, records: &records };
-        study(Predictor::OutputError(simulation), series, options, ("output", notes))
+        with_predictor(rig_file, declared, series, |predictor, of_data| {
+            study(predictor, series, options, of_data)
+        })
     }
+
+    fn fit_declared(
+        &self,
+        rig_file: &str,
+        declared: &Declared,
+        series: &[Series],
+        options: Options<'_>,
+    ) -> Result<DeclaredFit> {
+        with_predictor(rig_file, declared, series, |predictor, of_data| {
+            fit_declared(&predictor, series, options, of_data)
+        })
+    }
+}
+
+/// Checks and prepares the records, for `conclude`, which also takes the channel's name and notes
+/// on the data.
+fn with_predictor<T>(
+    rig_file: &str,
+    declared: &Declared,
+    series: &[Series],
+    conclude: impl FnOnce(Predictor<'_>, (&'static str, Vec<String>)) -> Result<T>,
+) -> Result<T> {
+    let units = Units::VOLTS;
+    let parameters = declared_parameters(rig_file, declared, &units, TERMS)?;
+    // The lightest mass on the stiffest spring that the declaration allows.
+    let (mass, stiffness) = (&parameters[0], &parameters[2]);
+    let lightest = (mass.declared - mass.spread).max(0.25 * mass.declared);
+    let natural = ((stiffness.declared + stiffness.spread) / lightest).sqrt();
+    let mut notes: Vec<String> = series.iter().flat_map(|r| r.notes.iter().cloned()).collect();
+    let (mut balances, mut records) = (Vec::new(), Vec::new());
+    for series in series {
+        let (balance, record) = prepare(series, natural, &mut notes)?;
+        balances.push(balance);
+        records.push(record);
+    }
+    let commanded = declared.force != Some(ForceSource::Measured);
+    let axis = axis(&balances, units, true, commanded);
+    let regression = RegressionModel { balances, parameters, axis, sites: SITES };
+    let advice = "check the units: input and output in the same unit (V), t_s in s, and which \
+                      of the two is which";
+    for scale in [
+        (Column::Acceleration, "input and acceleration give a mass"),
+        (Column::Position, "input and output give a stiffness"),
+    ] {
+        check_scale(&regression, "output", scale, advice)?;
+    }
+    let simulation = OutputErrorModel { regression: &regression, records: &records };
+    conclude(Predictor::OutputError(simulation), ("output", notes))
 }
 
 /// Checks one record and prepares it for the screening and for the simulation.

@@ -4,20 +4,22 @@
 use report::Page;
 use rig::Model as Declared;
 
-use super::Options;
 use super::role_assignment::assign_roles;
 use super::single_channel_outcome::conclude;
+use super::single_channel_parameters::parameters;
 use super::single_channel_result::Study;
+use super::{DeclaredFit, Options};
 use crate::effects::{Axis, Units};
+use crate::equation_error::block_roles::{Block, Role, blocks_of_role};
 use crate::equation_error::model::{Column, Parameter, RegressionModel};
 use crate::equation_error::signals::ForceBalance;
 use crate::error::{IdentifyError, Result};
 use crate::input::Series;
-use crate::outcome::Outcome;
+use crate::outcome::{ChannelError, Outcome};
 use crate::prediction_error::record::rms;
 use crate::regression::{Gram, solve};
 use crate::selection::predictor::Predictor;
-use crate::selection::search::{functions, search};
+use crate::selection::search::{self, functions, search};
 
 /// A parameter that differs from its declared value by this factor indicates a wrong unit.
 const UNIT_FACTOR: f64 = 30.0;
@@ -33,19 +35,10 @@ pub(super) fn study(
     options: Options<'_>,
     (channel, mut notes): (&'static str, Vec<String>),
 ) -> Result<(Outcome, Page)> {
-    let regression = predictor.regression();
     let blocks = assign_roles(&predictor, records, options.seed, &mut notes)?;
     let functions = functions(&predictor, &blocks);
-    let found = search(&predictor, &blocks, &functions, options.deadline).ok_or_else(|| {
-        let files: Vec<&str> = records.iter().map(|r| r.file.as_str()).collect();
-        let columns: Vec<&str> = regression.parameters.iter().map(|p| p.name.as_str()).collect();
-        IdentifyError::Unusable(format!(
-            "{}: the columns {} cannot be told apart in the rows that take part in the fit; excite \
-             the machine more",
-            files.join(", "),
-            columns.join(", ")
-        ))
-    })?;
+    let found = search(&predictor, &blocks, &functions, options.deadline)
+        .ok_or_else(|| indistinct(predictor.regression(), records))?;
     let early = options.deadline.left_work_out();
     if early {
         notes.push(
@@ -54,6 +47,52 @@ pub(super) fn study(
         );
     }
     Ok(conclude(&Study { predictor, blocks, found, channel, notes, early }))
+}
+
+/// Fits the declared model alone, on all rows that do not report.
+pub(super) fn fit_declared(
+    predictor: &Predictor<'_>,
+    records: &[Series],
+    options: Options<'_>,
+    (channel, mut notes): (&'static str, Vec<String>),
+) -> Result<DeclaredFit> {
+    let blocks = assign_roles(predictor, records, options.seed, &mut notes)?;
+    let report = blocks_of_role(&blocks, Role::Report);
+    let fit: Vec<Block> = blocks.into_iter().filter(|block| block.role != Role::Report).collect();
+    let regression = predictor.regression();
+    let base =
+        search::fit_declared(predictor, &fit).ok_or_else(|| indistinct(regression, records))?;
+    let mut as_declared = base.fitted.clone();
+    let values = as_declared.fit.coefficients.iter_mut();
+    values.zip(&regression.parameters).for_each(|(value, own)| *value = own.declared);
+    let [(declared, _), (fitted, size)] =
+        [&as_declared, &base.fitted].map(|own| predictor.error(own, &report));
+    let error = ChannelError {
+        declared: Some(declared),
+        before: fitted,
+        after: fitted,
+        floor: None,
+        unit: predictor.unit().to_owned(),
+        before_percent: 100.0 * fitted / size,
+        after_percent: 100.0 * fitted / size,
+    };
+    Ok(DeclaredFit {
+        parameters: parameters(regression, &base),
+        error: [(channel.to_owned(), error)].into(),
+        notes,
+    })
+}
+
+/// The error where the columns of the declared model depend on one another.
+fn indistinct(regression: &RegressionModel, records: &[Series]) -> IdentifyError {
+    let files: Vec<&str> = records.iter().map(|r| r.file.as_str()).collect();
+    let columns: Vec<&str> = regression.parameters.iter().map(|p| p.name.as_str()).collect();
+    IdentifyError::Unusable(format!(
+        "{}: the columns {} cannot be told apart in the rows that take part in the fit; excite the \
+         machine more",
+        files.join(", "),
+        columns.join(", ")
+    ))
 }
 
 /// Whether a parameter must be declared.

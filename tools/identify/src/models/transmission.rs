@@ -9,7 +9,9 @@ use rig::Model as Declared;
 
 use super::bootstrap::calibrate;
 use super::transmission_study::Study;
-use super::{Model, Options, segmentation, transmission_outcome};
+use super::{
+    DeclaredFit, Model, Options, segmentation, transmission_declared_fit, transmission_outcome,
+};
 use crate::equation_error::block_roles::Role;
 use crate::error::{IdentifyError, Result};
 use crate::input::Series;
@@ -17,7 +19,8 @@ use crate::naming::recording_of;
 use crate::outcome::Outcome;
 use crate::prediction_error::other_axes::OtherAxis;
 use crate::prediction_error::record::{Record, Uninformative, share_out, uninformative};
-use crate::prediction_error::search::search;
+use crate::prediction_error::search::{fit_declared, search};
+use crate::prediction_error::search_result::SearchResult;
 use crate::prediction_error::transmission_model::TransmissionModel;
 
 /// The model of transmissions of any kind.
@@ -39,10 +42,7 @@ impl Model for Transmission {
         records: &[Series],
         options: Options<'_>,
     ) -> Result<(Outcome, Page)> {
-        let mut notes: Vec<String> =
-            records.iter().flat_map(|record| record.notes.iter().cloned()).collect();
-        notes.extend(not_used(records, options.others));
-        let mut model = model_of(rig_file, declared, records, &options, &mut notes)?;
+        let (mut model, mut notes) = noted_model(rig_file, declared, records, &options)?;
         if model.records.iter().all(|record| record.idle) {
             notes.push(
                 "no record has a hand that drives the slave: the scale of every torque relies on \
@@ -61,6 +61,37 @@ impl Model for Transmission {
         transmission_outcome::conclude(&study, capability.as_ref())
             .ok_or_else(|| lost(&study.model))
     }
+
+    fn fit_declared(
+        &self,
+        rig_file: &str,
+        declared: &Declared,
+        records: &[Series],
+        options: Options<'_>,
+    ) -> Result<DeclaredFit> {
+        let (mut model, notes) = noted_model(rig_file, declared, records, &options)?;
+        let selecting = model.records.iter_mut().filter(|record| record.role == Role::Select);
+        selecting.for_each(|record| record.role = Role::Fit);
+        let base = fit_declared(&mut model, options.deadline).ok_or_else(|| lost(&model))?;
+        let found = SearchResult { base, ..SearchResult::default() };
+        let deadline = options.deadline;
+        let study = Study { model, found, notes, calibration: None, axis: None, deadline };
+        transmission_declared_fit::conclude(&study).ok_or_else(|| lost(&study.model))
+    }
+}
+
+/// The model with the records, and notes on these.
+fn noted_model(
+    rig_file: &str,
+    declared: &Declared,
+    records: &[Series],
+    options: &Options<'_>,
+) -> Result<(TransmissionModel, Vec<String>)> {
+    let mut notes: Vec<String> =
+        records.iter().flat_map(|record| record.notes.iter().cloned()).collect();
+    notes.extend(not_used(records, options.others));
+    let model = model_of(rig_file, declared, records, options, &mut notes)?;
+    Ok((model, notes))
 }
 
 /// Builds the model with the records that tell something, and notes what was left out.

@@ -275,7 +275,7 @@ fn effects(study: &Study<'_>, with_deviation: &[(FreeParameter, f64)]) -> Vec<Fo
         .collect()
 }
 
-fn error(study: &Study<'_>) -> Option<BTreeMap<String, ChannelError>> {
+pub(super) fn error(study: &Study<'_>) -> Option<BTreeMap<String, ChannelError>> {
     let report = study.model.of_role(Role::Report);
     let declared = errors(&study.model, &report, &study.model.as_declared()).unwrap_or_default();
     let before = errors(&study.model, &report, &study.found.base.setting)?;
@@ -315,7 +315,10 @@ fn error(study: &Study<'_>) -> Option<BTreeMap<String, ChannelError>> {
     Some(channels.collect())
 }
 
-fn parameters(study: &Study<'_>, with_deviation: &[(FreeParameter, f64)]) -> Vec<FittedParameter> {
+pub(super) fn parameters(
+    study: &Study<'_>,
+    with_deviation: &[(FreeParameter, f64)],
+) -> Vec<FittedParameter> {
     let model = &study.model;
     let last = study.found.last();
     let effects: Vec<FreeParameter> = with_deviation

@@ -54,6 +54,22 @@ const CHOICE_FIT_ROUNDS: usize = 4;
 /// finished stay. Recovered signs of a rectified torque are stored in the records. `None` if not
 /// even the declared model can be simulated along the records.
 pub fn search(model: &mut TransmissionModel, deadline: &Deadline) -> Option<SearchResult> {
+    prepare(model, deadline)?;
+    let rounds = deadline.part(ROUNDS_SHARE);
+    let mut search = Search::begin(model, &rounds)?;
+    search.extend(|_| true);
+    search.select_from_other_first_effects();
+    Some(search.conclude(deadline))
+}
+
+/// Fits the declared model alone, as [`search`] begins with it.
+pub fn fit_declared(model: &mut TransmissionModel, deadline: &Deadline) -> Option<Fitted> {
+    prepare(model, deadline)?;
+    Search::begin(model, deadline).map(|search| search.now)
+}
+
+/// Chooses the steps of the simulation, and recovers the signs of a rectified torque.
+fn prepare(model: &mut TransmissionModel, deadline: &Deadline) -> Option<()> {
     refine_steps(model);
     let hands = rectified_records(model);
     if !hands.is_empty() {
@@ -64,11 +80,7 @@ pub fn search(model: &mut TransmissionModel, deadline: &Deadline) -> Option<Sear
             restore_signs(model, hands, &base.setting)?;
         }
     }
-    let rounds = deadline.part(ROUNDS_SHARE);
-    let mut search = Search::begin(model, &rounds)?;
-    search.extend(|_| true);
-    search.select_from_other_first_effects();
-    Some(search.conclude(deadline))
+    Some(())
 }
 
 /// State of the selection.

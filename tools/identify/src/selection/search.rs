@@ -116,6 +116,20 @@ pub fn functions(predictor: &Predictor<'_>, blocks: &[Block]) -> Vec<Spline> {
     variables.filter_map(|variable| search.function_of(variable)).collect()
 }
 
+/// The declared model, fitted on `blocks` within its tolerances; `None` where it cannot be.
+pub fn fit_declared<'f>(predictor: &Predictor<'_>, blocks: &[Block]) -> Option<FittedModel<'f>> {
+    let (regression, structure) = (predictor.regression(), Structure::default());
+    let fitted = regression.fit(&structure, blocks, &[], ShapeSearch::Refine)?;
+    Some(match predictor {
+        Predictor::EquationError(_) => FittedModel { structure, fitted, equation_error_fit: None },
+        Predictor::OutputError(simulation) => FittedModel {
+            fitted: simulation.fit(&structure, blocks, &fitted, &[])?,
+            equation_error_fit: Some(fitted),
+            structure,
+        },
+    })
+}
+
 /// Searches the effects that the declared model lacks; after the deadline no further ones. `None`
 /// where not even the declared model can be fitted.
 ///
@@ -129,16 +143,7 @@ pub fn search<'f>(
     deadline: &Deadline,
 ) -> Option<SearchResult<'f>> {
     let search = Search::new(predictor, blocks, deadline);
-    let (regression, structure) = (predictor.regression(), Structure::default());
-    let fitted = regression.fit(&structure, &search.fit, &[], ShapeSearch::Refine)?;
-    let base = match predictor {
-        Predictor::EquationError(_) => FittedModel { structure, fitted, equation_error_fit: None },
-        Predictor::OutputError(simulation) => FittedModel {
-            fitted: simulation.fit(&structure, &search.fit, &fitted, &[])?,
-            equation_error_fit: Some(fitted),
-            structure,
-        },
-    };
+    let base = fit_declared(predictor, &search.fit)?;
     let mut selection = search.forward(&base, ANY);
     let (mut function, mut unlisted, mut nonparametric) = (None, None, None);
     if let Predictor::EquationError(_) = predictor {

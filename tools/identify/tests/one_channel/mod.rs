@@ -45,13 +45,9 @@ pub(crate) fn run(model: &rig::Model, records: &[Series]) -> Result<Outcome, Ide
     run_until(&NEVER, model, records).map(|(outcome, _)| outcome)
 }
 
-/// The outcome, and the text of its page, which every outcome must make.
-pub(crate) fn run_until(
-    deadline: &Deadline,
-    model: &rig::Model,
-    records: &[Series],
-) -> Result<(Outcome, String), IdentifyError> {
-    let options = Options {
+/// Options of a machine with one axis.
+pub(crate) fn options(deadline: &Deadline) -> Options<'_> {
+    Options {
         seed: 1,
         gear: 1.0,
         slave_count_rad: None,
@@ -61,7 +57,16 @@ pub(crate) fn run_until(
         propose: false,
         calibrate: 0,
         deadline,
-    };
+    }
+}
+
+/// The outcome, and the text of its page, which every outcome must make.
+pub(crate) fn run_until(
+    deadline: &Deadline,
+    model: &rig::Model,
+    records: &[Series],
+) -> Result<(Outcome, String), IdentifyError> {
+    let options = options(deadline);
     let (outcome, page) = of_kind(model.kind).identify("rig.toml", model, records, options)?;
     Ok((outcome, page.render().unwrap()))
 }
