@@ -15,7 +15,7 @@ pub struct Setting {
 }
 
 /// Tried lags of line and loop: around the 30 ms of the thesis's line (fig. 3.10).
-const LEADS_S: &[f64] = &[0.015, 0.03, 0.045, 0.06];
+const LEADS_S: &[f64] = &[0.01, 0.02, 0.03, 0.04, 0.05, 0.06];
 
 /// The choices, from the simplest to that with the most parts.
 pub const SETTINGS: &[Setting] = &[
