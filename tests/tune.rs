@@ -5,9 +5,11 @@
 
 mod common;
 
+use std::path::PathBuf;
+use std::process::Output;
 use std::time::Duration;
 
-use serde_json::Value;
+use serde_json::{Value, json};
 
 use common::{TestRig, assert_told, told, wait_for};
 
@@ -21,7 +23,7 @@ kind = "multisine"
 frequencies_hz = [0.5, 1.1, 1.9, 3.1, 4.9]
 amplitudes_deg = [14.0, 8.0, 5.0, 3.0, 1.5]
 seed = 1
-duration_s = 13.0
+duration_s = 23.0
 "#;
 
 /// The arguments of a short tuning into a folder of that name.
@@ -50,16 +52,16 @@ fn arm(rig: &TestRig) {
 }
 
 /// Tunes until the host lets the rig play all movements without a trip.
-fn tune(rig: &TestRig) -> Value {
+fn tune(rig: &TestRig, name: &str, more: &[&str]) -> (Output, PathBuf) {
     for attempt in 0..10 {
         arm(rig);
-        let mut arguments = arguments(rig, &format!("tuned{attempt}"));
-        arguments.extend(["--yes".to_owned(), "--json".to_owned()]);
+        let out = format!("{name}{attempt}");
+        let mut arguments = arguments(rig, &out);
+        arguments.extend(more.iter().map(|more| (*more).to_owned()));
         let output = rig.run(arguments.iter().map(String::as_str));
-        if output.status.success() {
-            return serde_json::from_slice(&output.stdout).unwrap();
+        if !told(&output).contains("tripped") {
+            return (output, rig.path(&out));
         }
-        assert!(told(&output).contains("tripped"), "{}", told(&output));
     }
     panic!("the rig tripped in every attempt");
 }
@@ -87,7 +89,9 @@ fn the_handle_follows_better_with_what_was_found() {
         assert!(!rig.path(folder).exists(), "nothing is made for what is refused");
     }
 
-    let summary = tune(&rig);
+    let (output, tuned) = tune(&rig, "tuned", &["--yes", "--json"]);
+    assert!(output.status.success(), "{}", told(&output));
+    let summary: Value = serde_json::from_slice(&output.stdout).unwrap();
     let rms = |key: &str| summary[key]["rms"].as_f64().unwrap();
     assert!(rms("after") < 0.5 * rms("before"), "{summary}");
     let predicted = rms("after_predicted") / rms("after");
@@ -98,6 +102,14 @@ fn the_handle_follows_better_with_what_was_found() {
     assert_eq!(simulator(&rig), before, "the card and its machine stayed as they were");
     let status: Value = serde_json::from_str(&rig.ok(["status", "--json"])).unwrap();
     assert_eq!(status["watchdog"]["state"], "disarmed", "{status}");
+
+    // The belt wears on.
+    rig.ok(["fault", "effect", "backlash@slave=0.12"]);
+    let (output, _) = tune(&rig, "since", &["--since", tuned.to_str().unwrap(), "--json"]);
+    assert_eq!(output.status.code(), Some(1), "{}", told(&output));
+    let since: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!((&since["machine"], &since["site"]), (&json!("changed"), &json!("slave")));
+    assert_eq!(since["tracking_then"], summary["after"]["rms"]);
     rig.down();
 }
 

@@ -12,6 +12,7 @@ pub mod recorded;
 mod run;
 pub mod settings;
 pub mod simulated;
+pub mod since;
 pub mod tracking;
 mod tuning;
 

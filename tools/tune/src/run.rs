@@ -12,14 +12,18 @@ use indicatif::{ProgressBar, ProgressStyle};
 use ipc_types::{LoggerRequest, TOKEN, Verb, WatchdogState};
 use operator::RigLink;
 use report::{Page, Tone};
-use rig::RigFile;
 use rig::protocol::Protocol;
+use rig::{AxisUnit, RigFile};
 use runtime::RigName;
+use serde::Serialize;
+use serde_json::Value;
 
 use crate::live::Bench;
 use crate::page::section;
 use crate::proposal::propose;
-use crate::tuning::Tuning;
+use crate::since::{Since, compare_recordings};
+use crate::tracking::TrackingError;
+use crate::tuning::{Tuning, shown};
 
 /// Length of the movement that is evaluated, if none is named (s).
 const MOVEMENT_S: &str = "segments.0.duration_s=12";
@@ -35,8 +39,8 @@ const SIGNALS: [i32; 3] =
 /// agrees, the file is written, the rig goes on with it, and the movement is played again: the
 /// tracking error before and after is that of the machine itself.
 #[derive(Clone, Debug, clap::Args)]
-#[command(after_help = "Examples:\n  farreach tune\n  farreach tune --protocol guided-1hz --set \
-    segments.0.amplitude_deg=20 --out tuned --yes\n\n\
+#[command(after_help = "Examples:\n  farreach tune --out tuned\n  farreach tune --since tuned \
+    --out monday\n  farreach tune --protocol guided-1hz --set segments.0.amplitude_deg=20 --yes\n\n\
     Needs an armed rig that does not record. Writes before.mcap, excitation.mcap, report.html and \
     summary.json, and with the person's consent rig.toml and after.mcap. Exit codes: 0 done, 1 the \
     rig could not be tuned, 2 usage")]
@@ -54,6 +58,10 @@ pub struct Args {
     /// Folder for the results; it must not exist
     #[arg(long, value_name = "DIR", default_value = "farreach-tune")]
     pub out: PathBuf,
+    /// Tunes nothing: tells whether the machine is still the one of an earlier tuning, whose folder
+    /// this is. Ends with code 1 where it is not
+    #[arg(long, value_name = "DIR", conflicts_with = "yes")]
+    pub since: Option<PathBuf>,
     /// Takes the proposal without asking; for the simulated card alone
     #[arg(long)]
     pub yes: bool,
@@ -116,7 +124,16 @@ pub fn run(args: &Args, name: &RigName, revision: &str) -> anyhow::Result<i32> {
         progress: &mut progress,
         torque_limit: args.torque_limit,
     };
-    let terminal = Terminal { bar: &bar, json: args.json };
+    let unit = rig.axes.first().map_or(AxisUnit::Radian, |axis| axis.unit);
+    let terminal = Terminal { bar: &bar, json: args.json, unit };
+    if let Some(earlier) = &args.since {
+        let compared = compared(args, earlier, &rig, &protocols, &mut bench);
+        let disarmed = operator::verb(&link, Verb::Disarm);
+        bar.finish_and_clear();
+        let compared = compared?;
+        disarmed?;
+        return terminal.tell_since(&compared);
+    }
     let tuned = tuned(args, &rig, &protocols, &mut bench, revision, &terminal);
     // Whatever came of it: nobody left the motor under power on purpose.
     let disarmed = operator::verb(&link, Verb::Disarm);
@@ -161,6 +178,9 @@ fn tuned(
 }
 
 const RIG_FILE: &str = "rig.toml";
+const BEFORE: &str = "before.mcap";
+const EXCITATION: &str = "excitation.mcap";
+const SUMMARY: &str = "summary.json";
 /// How often the spinner turns.
 const TICK: Duration = Duration::from_millis(120);
 /// Longest silence of the watchdog.
@@ -196,7 +216,7 @@ fn check_rig(args: &Args, name: &RigName, rig: &RigFile) -> anyhow::Result<()> {
              unattended; leave it out, and confirm at the terminal"
         );
     }
-    if !args.yes && !std::io::stdin().is_terminal() {
+    if !args.yes && args.since.is_none() && !std::io::stdin().is_terminal() {
         bail!("expected a terminal at which a person confirms the proposal, or --yes");
     }
     Ok(())
@@ -232,6 +252,47 @@ fn check_state(link: &RigLink) -> anyhow::Result<()> {
     }
 }
 
+/// A machine of today beside that of an earlier tuning.
+#[derive(Debug, Serialize)]
+struct Compared {
+    /// What the observers show.
+    #[serde(flatten)]
+    since: Since,
+    /// Tracking error of today.
+    tracking: TrackingError,
+    /// The same when it was tuned (rad or m, root mean square); null where that was not measured.
+    tracking_then: Option<f64>,
+}
+
+/// Plays movement and excitation, and compares them with those of an earlier tuning.
+fn compared(
+    args: &Args,
+    earlier: &Path,
+    rig: &RigFile,
+    protocols: &Protocols,
+    bench: &mut Bench<'_>,
+) -> anyhow::Result<Compared> {
+    let then = earlier.join(EXCITATION);
+    // Before the rig moves for nothing.
+    recording::mcap_read::Recording::open(&then)
+        .context("--since: expected the folder of an earlier tuning")?;
+    let file = args.out.join(BEFORE);
+    bench.record(&[&protocols.movement], &file)?;
+    let movement = bench.movement(&file, &protocols.movement)?;
+    let excited = args.out.join(EXCITATION);
+    bench.record(&[&protocols.excitation], &excited)?;
+    (bench.progress)("running the model along both excitations");
+    let since = compare_recordings(rig, &then, &excited)?;
+    let summary = std::fs::read(earlier.join(SUMMARY)).ok();
+    let summary = summary.and_then(|text| serde_json::from_slice::<Value>(&text).ok());
+    let tracking_then = summary.and_then(|summary| summary["after"]["rms"].as_f64());
+    let compared = Compared { since, tracking: movement.error, tracking_then };
+    let path = args.out.join(SUMMARY);
+    files::replace(&path, serde_json::to_string_pretty(&compared)?)
+        .with_context(|| format!("{}", path.display()))?;
+    Ok(compared)
+}
+
 /// Movement, excitation, identification, proposal.
 fn identified(
     args: &Args,
@@ -242,10 +303,10 @@ fn identified(
     terminal: &Terminal<'_>,
 ) -> anyhow::Result<Tuning> {
     let unit = rig.axes.first().map(|axis| axis.unit).context("an axis")?;
-    let file = args.out.join("before.mcap");
+    let file = args.out.join(BEFORE);
     bench.record(&[&protocols.movement], &file)?;
     let before = bench.movement(&file, &protocols.movement)?;
-    let excited = args.out.join("excitation.mcap");
+    let excited = args.out.join(EXCITATION);
     bench.record(&[&protocols.excitation], &excited)?;
     (bench.progress)("identify: what does the declared model lack? Ctrl-C ends it");
     let record = read(&excited, rig)?;
@@ -323,7 +384,7 @@ fn take(
 
 fn write_results(args: &Args, tuning: &Tuning) -> anyhow::Result<()> {
     let json = serde_json::to_string_pretty(&tuning.summary())?;
-    let path = args.out.join("summary.json");
+    let path = args.out.join(SUMMARY);
     files::replace(&path, &json).with_context(|| format!("{}", path.display()))?;
     let tone = match tuning.after {
         Some(ref after) if after.error.rms < tuning.before.error.rms => Tone::Good,
@@ -348,6 +409,8 @@ struct Terminal<'a> {
     bar: &'a ProgressBar,
     /// Whether standard output is for the result alone.
     json: bool,
+    /// Unit of the positions.
+    unit: AxisUnit,
 }
 
 impl Terminal<'_> {
@@ -360,6 +423,23 @@ impl Terminal<'_> {
                 let _closed = writeln!(std::io::stdout(), "{text}");
             }
         });
+    }
+
+    /// Tells how today's machine compares; returns the exit code.
+    fn tell_since(&self, compared: &Compared) -> anyhow::Result<i32> {
+        let Compared { since, tracking, tracking_then } = compared;
+        let text = since.sentence();
+        let then = tracking_then.map_or(String::new(), |then| {
+            format!("; {} when it was tuned", shown(self.unit, then))
+        });
+        self.say(&format!("{text}\ntracking    {} rms{then}", shown(self.unit, tracking.rms)));
+        if self.json {
+            writeln!(std::io::stdout(), "{}", serde_json::to_string_pretty(compared)?)?;
+        }
+        Ok(match since {
+            Since::Same { .. } => operator::DONE,
+            Since::Changed { .. } | Since::Unknown { .. } => operator::FAILED,
+        })
     }
 
     fn ask(&self, question: &str) -> std::io::Result<String> {

@@ -36,11 +36,8 @@ pub fn play(
     machine: Machine<'_>,
     protocol: &Protocol,
 ) -> Result<Played, LockStepError> {
-    let mut system = LockStepRig::new(control, &[])?;
-    system.change_effects(machine.rig, machine.effects)?;
-    let period_s = 1.0 / f64::from(control.rates.control_hz);
     let mut columns: [Vec<f64>; 5] = std::array::from_fn(|_| Vec::new());
-    let mut see = |sample: &Sample| {
+    let followed = run(control, machine, protocol, &mut |sample| {
         let values = [
             sample.tick as f64 / f64::from(control.rates.acquisition_hz),
             sample.motor_v[0],
@@ -51,28 +48,7 @@ pub fn play(
         for (column, value) in columns.iter_mut().zip(values) {
             column.push(value);
         }
-    };
-    let mut followed = Followed::default();
-    let mut start = 0.0;
-    for (_, segment) in protocol.sequence() {
-        let movement = &segment.movement;
-        let peak_speed = movement.feedforward_speed();
-        let cycles = (movement.duration_s() / period_s).round() as u64;
-        let mut last = start;
-        for cycle in 0..cycles {
-            let aim = movement.at(start, cycle as f64 * period_s, peak_speed);
-            let setpoint = system.setpoint(&aim);
-            let result = system.cycle_seeing(Some(&setpoint), true, &mut see)?;
-            let sample = &result.sample;
-            let measured = match sample.slave_present & 1 {
-                1 => sample.slave_position[0],
-                _ => sample.master_position[0],
-            };
-            followed.push(result.time_s, aim.position, measured);
-            last = aim.position;
-        }
-        start = last;
-    }
+    })?;
     let names = ["t_s", "motor_v", "master_rad", "slave_rad", "slave_torque_nm"];
     let slave = control.axes.first().is_some_and(|axis| axis.slave.is_some());
     let torque = control.axes.first().is_some_and(|axis| axis.torque.is_some());
@@ -89,4 +65,52 @@ pub fn play(
         .collect();
     let record = Series { file: protocol.name.clone(), columns, ..Series::default() };
     Ok(Played { followed, record })
+}
+
+/// The samples of a protocol that is played so.
+///
+/// # Errors
+/// As [`play`].
+pub fn samples(
+    control: &RigFile,
+    machine: Machine<'_>,
+    protocol: &Protocol,
+) -> Result<Vec<Sample>, LockStepError> {
+    let mut samples = Vec::new();
+    run(control, machine, protocol, &mut |sample| samples.push(*sample))?;
+    Ok(samples)
+}
+
+/// Plays a protocol; `see` is called with every sample.
+fn run(
+    control: &RigFile,
+    machine: Machine<'_>,
+    protocol: &Protocol,
+    see: &mut dyn FnMut(&Sample),
+) -> Result<Followed, LockStepError> {
+    let mut system = LockStepRig::new(control, &[])?;
+    system.change_effects(machine.rig, machine.effects)?;
+    let period_s = 1.0 / f64::from(control.rates.control_hz);
+    let mut followed = Followed::default();
+    let mut start = 0.0;
+    for (_, segment) in protocol.sequence() {
+        let movement = &segment.movement;
+        let peak_speed = movement.feedforward_speed();
+        let cycles = (movement.duration_s() / period_s).round() as u64;
+        let mut last = start;
+        for cycle in 0..cycles {
+            let aim = movement.at(start, cycle as f64 * period_s, peak_speed);
+            let setpoint = system.setpoint(&aim);
+            let result = system.cycle_seeing(Some(&setpoint), true, see)?;
+            let sample = &result.sample;
+            let measured = match sample.slave_present & 1 {
+                1 => sample.slave_position[0],
+                _ => sample.master_position[0],
+            };
+            followed.push(result.time_s, aim.position, measured);
+            last = aim.position;
+        }
+        start = last;
+    }
+    Ok(followed)
 }

@@ -55,6 +55,14 @@ pub struct TuningSummary {
     pub left_out: Vec<String>,
 }
 
+/// An error (rad or m) in words, in degrees or millimetres.
+pub(crate) fn shown(unit: AxisUnit, error: f64) -> String {
+    match unit {
+        AxisUnit::Radian => format!("{:.2}°", error.to_degrees()),
+        AxisUnit::Metre => format!("{:.2} mm", 1e3 * error),
+    }
+}
+
 impl Tuning {
     /// Effects found, `ID@SITE`.
     pub fn effects(&self) -> Vec<String> {
@@ -82,11 +90,8 @@ impl Tuning {
     }
 
     /// An error in words, in degrees or millimetres.
-    pub fn shown(&self, rms: f64) -> String {
-        match self.unit {
-            AxisUnit::Radian => format!("{:.2}°", rms.to_degrees()),
-            AxisUnit::Metre => format!("{:.2} mm", 1e3 * rms),
-        }
+    pub fn shown(&self, error: f64) -> String {
+        shown(self.unit, error)
     }
 
     /// The changes of the rig file, as a unified diff.
