@@ -83,6 +83,11 @@ impl Observer {
         self.plant.rest_at(master_rad, slave_rad);
     }
 
+    /// Puts the model into the state of another's, clock included.
+    pub fn follow(&mut self, other: &Self) {
+        self.plant.set_state(*other.plant.state());
+    }
+
     /// Sets the clock by which effects change (s); nothing moves.
     pub fn set_time(&mut self, time_s: f64) {
         self.plant.set_time(time_s);

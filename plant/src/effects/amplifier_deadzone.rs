@@ -31,6 +31,9 @@ effect! {
     search {
         space: |of| of.sizes(of.up_to("half_width", 10.0), &[0.5, 1.5, 4.0]),
     }
+    monitoring {
+        proportional: false,
+    }
     one_channel {
         rank: 180,
         words: "an amplifier that puts out nothing for small commands (dead zone)",

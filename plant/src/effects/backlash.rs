@@ -34,6 +34,9 @@ effect! {
     search {
         space: |of| of.sizes(of.up_to("gap", 20.0), &[0.25, 1.0, 3.0]),
     }
+    monitoring {
+        proportional: false,
+    }
     one_channel {
         rank: 130,
         words: "backlash",

@@ -1,5 +1,6 @@
 //! How an effect declares itself, in its own file.
 
+use super::monitoring::Monitoring;
 use super::one_channel::OneChannel;
 use super::search::{Basis, RecordFeatures, Search, SearchSpace};
 use super::{Effect, Site};
@@ -30,6 +31,8 @@ pub struct Entry {
     pub parameters: &'static [ParameterInfo],
     /// How it is searched in records.
     pub search: Search,
+    /// How it is looked for beside a running machine.
+    pub monitoring: Monitoring,
     /// The effect in models of one channel, where it has a form there.
     pub one_channel: Option<&'static OneChannel>,
     pub(super) build: Option<fn(Site) -> Box<dyn Effect>>,
@@ -44,6 +47,7 @@ impl Entry {
             what: declared.words,
             parameters: &[],
             search: Search::BY_SIZE,
+            monitoring: Monitoring::USUAL,
             one_channel: Some(declared),
             build: None,
         }
@@ -58,7 +62,8 @@ impl Entry {
 
 /// Declares an effect: its name, what it is, its sites with default sizes, its struct of parameters
 /// (the first is its size), its inner state, how it is searched in records (fields of [`Search`];
-/// by its size alone unless given), and its form in models of one channel (fields of
+/// by its size alone unless given), how it is looked for beside a running machine (fields of
+/// [`Monitoring`]; as usual unless given), and its form in models of one channel (fields of
 /// [`OneChannel`]; none unless given). The struct has a field `site`, and the module `ENTRY` for
 /// [`LIST`].
 macro_rules! effect {
@@ -72,6 +77,7 @@ macro_rules! effect {
         }
         $(state { $($state:ident: $state_type:ty = $initial:expr;)* })?
         $(search { $($of_search:ident: $search:expr,)+ })?
+        $(monitoring { $($of_monitoring:ident: $monitoring:expr,)+ })?
         $(one_channel { $($of_channel:ident: $channel:expr,)+ })?
     ) => {
         $crate::parameter::parameter_set! {
@@ -113,6 +119,10 @@ macro_rules! effect {
             search: $crate::effects::search::Search {
                 $($($of_search: $search,)+)?
                 ..$crate::effects::search::Search::BY_SIZE
+            },
+            monitoring: $crate::effects::monitoring::Monitoring {
+                $($($of_monitoring: $monitoring,)+)?
+                ..$crate::effects::monitoring::Monitoring::USUAL
             },
             one_channel: {
                 const DECLARED: &[$crate::effects::one_channel::OneChannel] =

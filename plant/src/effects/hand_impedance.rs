@@ -28,6 +28,9 @@ effect! {
             of.space(free, starts.map(|values| names.into_iter().zip(values).collect()).to_vec())
         },
     }
+    monitoring {
+        of_the_hand: true,
+    }
 }
 
 impl Effect for HandImpedance {

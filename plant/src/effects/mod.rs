@@ -3,7 +3,8 @@
 //! An effect acts at a [`Site`] through the hooks of [`Effect`], which a plant calls once per
 //! internal step. Each effect is a [`ParameterSet`]; its first parameter is its size, the value
 //! after `=` in `ID[@SITE][=SIZE]`. Its file also declares how it is searched in records
-//! ([`search`]) and its form in models of one channel ([`one_channel`]). To add one: a file here,
+//! ([`search`]), how it is looked for beside a running machine ([`monitoring`]) and its form in
+//! models of one channel ([`one_channel`]). To add one: a file here,
 //! and its name in two lines of this file (`pub mod` and [`LIST`]).
 
 use crate::ParameterSet;
@@ -35,6 +36,7 @@ pub mod line_compliance;
 pub mod line_damping;
 pub mod load_dependent_friction;
 pub mod mains_hum;
+pub mod monitoring;
 pub mod nonlinear_stiffness;
 pub mod one_channel;
 pub mod periodic_disturbance;

@@ -31,6 +31,9 @@ effect! {
             of.sizes(of.either("rate", 20.0), &[0.3]).signed().only_if(of.features.torque)
         },
     }
+    monitoring {
+        sudden: false,
+    }
     one_channel {
         rank: 230,
         words: "a zero of the force that wanders",

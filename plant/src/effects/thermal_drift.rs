@@ -50,6 +50,9 @@ effect! {
             .signed(),
         becomes: Some(Becomes { parameter: "time_constant_s", id: "coulomb_friction" }),
     }
+    monitoring {
+        sudden: false,
+    }
     one_channel {
         rank: 100,
         words: "friction that drifts as the machine warms",

@@ -143,7 +143,7 @@ fn warming(rig: &RigFile, text: &str, name: &str, seed: u64) -> Result<String> {
     let mut generator = Pcg64Mcg::seed_from_u64(seed);
     let mut system = LockStepRig::new(&warms, &[])?;
     let mut monitor = AxisMonitor::new(rig, 0, &rig.axes[0])?;
-    let (mut alarms, mut blocks, mut most) = (0u32, 0u32, 0.0_f64);
+    let (mut alarms, mut blocks, mut most, mut score) = (0u32, 0u32, 0.0_f64, 0.0_f64);
     let mut movement = Movement::random(&mut generator);
     while system.time_s() < CLEAN_S {
         let time_s = system.time_s();
@@ -158,6 +158,7 @@ fn warming(rig: &RigFile, text: &str, name: &str, seed: u64) -> Result<String> {
                 blocks += 1;
                 alarms += u32::from(verdict == Verdict::Departs);
                 most = most.max(monitor.detector().sums().into_iter().fold(0.0, f64::max));
+                score = score.max(monitor.score().ratio);
             }
         })?;
     }
@@ -165,7 +166,7 @@ fn warming(rig: &RigFile, text: &str, name: &str, seed: u64) -> Result<String> {
     shares.sort_by(|a, b| b.1.abs().total_cmp(&a.1.abs()));
     Ok(format!(
         "{CLEAN_S} s of warming up, {:.0} s of it in movement: {alarms} alarms; largest sum \
-         {most:.2}; parameters {:.2?}",
+         {most:.2}, largest score {score:.2}; parameters {:.2?}",
         f64::from(blocks) * BLOCK_S,
         &shares[..shares.len().min(4)]
     ))
@@ -178,8 +179,8 @@ fn main() -> Result<()> {
     let rig = RigFile::parse(shipped.text, &name)?;
     let mut generator = Pcg64Mcg::seed_from_u64(seed);
     println!("{}\n", warming(&rig, shipped.text, &name, seed)?);
-    println!("| effect | size | of 5 % | alarms | median delay s | longest s | effect | place |");
-    println!("|---|---|---|---|---|---|---|---|");
+    println!("| effect | size | of 5 % | alarms | within 5 s | median delay s | longest s | effect | place |");
+    println!("|---|---|---|---|---|---|---|---|---|");
     let (mut right, mut alarms, mut early) = (0, 0, 0);
     for (id, site) in EFFECTS {
         let size = costly_size(&rig, id, site)?;
@@ -205,10 +206,12 @@ fn main() -> Result<()> {
             }
             delays.sort_by(f64::total_cmp);
             (right, alarms) = (right + placed, alarms + delays.len());
+            let soon = delays.iter().filter(|delay_s| **delay_s <= 5.0).count();
             let at = |share: f64| delays.get(((delays.len() as f64 - 1.0) * share) as usize);
             let shown = |delay: Option<&f64>| delay.map_or("-".to_owned(), |d| format!("{d:.1}"));
             println!(
-                "| `{id}@{}` | {:.2e} | {factor} | {} of {STARTS} | {} | {} | {named} | {placed} |",
+                "| `{id}@{}` | {:.2e} | {factor} | {} of {STARTS} | {soon} | {} | {} | {named} | \
+                 {placed} |",
                 site.name(),
                 factor * size,
                 delays.len(),

@@ -9,7 +9,8 @@ use crate::bank::{BankError, CHANNELS, Change, Innovations, ObserverBank};
 use crate::calibration::Calibration;
 use crate::departure::{Baseline, Detector, Verdict};
 use crate::origin::{Origin, origin};
-use crate::row::{RowFilter, Taken};
+use crate::row::{Row, RowFilter, Taken};
+use crate::score::{Score, WINDOW, Window};
 use crate::sums::Sums;
 
 /// Rows of innovations in a block: half a second of movement.
@@ -19,15 +20,17 @@ pub const LEARNING_BLOCKS: usize = 40;
 /// Blocks that are kept: those of the baseline, later those in which the origin of a departure is
 /// found.
 const KEPT: usize = LEARNING_BLOCKS;
-/// Memory of the calibration (blocks): two minutes of movement.
-const MEMORY: f64 = 240.0;
+/// Blocks after which the model is linearised at the calibrated parameters while the baseline is
+/// learnt. What was calibrated along the directions before is then forgotten: they were those of
+/// other parameters.
+const FIRST_LINEARISED: [usize; 3] = [8, 16, 24];
+/// Blocks of a machine as it should be after which it is linearised anew: two minutes of movement.
+const LINEARISED_EVERY: usize = 240;
 /// Slower, the master stands still (rad/s).
 const SLOW_RAD_S: f64 = 0.05;
 /// Rows after the master was last faster for which it counts as moving: friction is seen best where
 /// a movement stops and turns.
 const STOPPING_ROWS: u32 = 60;
-/// Rows after a beginning in which the observers settle.
-const SETTLING_ROWS: u32 = 125;
 /// Standard deviation of the innovation until the baseline is known (rad).
 const ASSUMED_RAD: f64 = 3e-4;
 
@@ -47,20 +50,32 @@ pub enum Seen<'a> {
 pub struct AxisMonitor {
     filter: RowFilter,
     bank: ObserverBank,
+    /// The bank as it was at the beginning, while it is compared with the linearised one.
+    original: Option<ObserverBank>,
     block: Sums,
     calibration: Calibration,
+    /// The calibrations before each of the newest blocks, the last one at the back.
+    before: VecDeque<Calibration>,
+    window: Window,
     /// Tick of the row with which the block begins.
     block_tick: u64,
     /// The newest blocks with the ticks of their beginnings, the last one at the back.
     kept: VecDeque<(u64, Sums)>,
     /// Energies of the newest block (rad²).
     energy: [f64; CHANNELS],
+    score: Score,
     baseline: Option<Baseline>,
     detector: Detector,
     origin: Option<Origin>,
     departed_tick: u64,
     learnt: usize,
-    settling: u32,
+    /// Blocks since the model was linearised.
+    linear: usize,
+    /// Sums of the squares of the innovations since, of the declared and the calibrated model
+    /// (rad²).
+    squares: [f64; 2],
+    /// The calibrated model was worse than the declared, which is kept.
+    keeps_declared: bool,
     stopping: u32,
     restarts: u64,
 }
@@ -80,17 +95,23 @@ impl AxisMonitor {
         Ok(Self {
             filter,
             bank,
+            original: None,
             block: Sums::new(directions),
-            calibration: Calibration::new(parameters, directions, MEMORY),
+            calibration: Calibration::new(parameters),
+            before: (0..WINDOW).map(|_| Calibration::new(parameters)).collect(),
+            window: Window::new(parameters, directions),
             kept: (0..KEPT).map(|_| (0, Sums::new(directions))).collect(),
             block_tick: 0,
             energy: [0.0; CHANNELS],
+            score: Score::default(),
             baseline: None,
             detector: Detector::default(),
             origin: None,
             departed_tick: 0,
             learnt: 0,
-            settling: SETTLING_ROWS,
+            linear: 0,
+            squares: [0.0; 2],
+            keeps_declared: false,
             stopping: 0,
             restarts: 0,
         })
@@ -104,15 +125,24 @@ impl AxisMonitor {
             Taken::Restart => {
                 self.restarts += 1;
                 self.bank.restart();
-                self.settling = SETTLING_ROWS;
+                if let Some(original) = &mut self.original {
+                    original.restart();
+                }
                 return Seen::Nothing;
             }
             Taken::Row(row) => row,
         };
         row.input.hand_torque_nm += torque_nm;
-        let Some(innovations) = self.bank.take(&row) else { return Seen::Nothing };
-        if self.settling > 0 {
-            self.settling -= 1;
+        self.see_row(&row)
+    }
+
+    /// Takes the next row.
+    pub fn see_row(&mut self, row: &Row) -> Seen<'_> {
+        if let Some(original) = &mut self.original {
+            original.take(row);
+        }
+        let Some(innovations) = self.bank.take(row) else { return Seen::Nothing };
+        if !innovations.settled {
             return Seen::Row(self.bank.newest());
         }
         if innovations.speed_rad_s > SLOW_RAD_S {
@@ -126,6 +156,10 @@ impl AxisMonitor {
             self.block_tick = innovations.tick;
         }
         self.block.add(innovations);
+        let models = [innovations.declared, innovations.calibrated];
+        for (sum, model) in self.squares.iter_mut().zip(models) {
+            *sum += model.iter().map(|own| own * own).sum::<f64>();
+        }
         if self.block.rows() < BLOCK_ROWS {
             return Seen::Row(self.bank.newest());
         }
@@ -146,14 +180,41 @@ impl AxisMonitor {
             self.learn();
             return Verdict::Steady;
         };
-        let verdict = self.detector.take(self.energy, expected, &baseline);
+        if !self.detector.departed()
+            && let Some(mut before) = self.before.pop_front()
+        {
+            before.copy_from(&self.calibration);
+            self.before.push_back(before);
+        }
+        let score = self.score_of_newest(baseline.deviation_rad);
+        self.score = score;
+        let verdict = self.detector.take(self.energy, expected, score, &baseline);
         match verdict {
-            Verdict::Steady => self.calibrate(baseline.deviation_rad),
+            Verdict::Steady => {
+                self.calibrate(baseline.deviation_rad);
+                self.linear += 1;
+                if self.linear >= LINEARISED_EVERY {
+                    self.linearise();
+                }
+            }
             Verdict::Suspicious => {}
-            Verdict::Departs | Verdict::Departed => self.find_origin(&baseline),
+            Verdict::Departs => {
+                // What was taken for parameters since is part of the departure.
+                if let Some(before) = self.before.front() {
+                    self.calibration.copy_from(before);
+                }
+                self.find_origin(&baseline);
+            }
+            Verdict::Departed => self.find_origin(&baseline),
             Verdict::Returns => (self.origin, self.departed_tick) = (None, 0),
         }
         verdict
+    }
+
+    fn score_of_newest(&mut self, deviations: [f64; CHANNELS]) -> Score {
+        let Some((_, newest)) = self.kept.back() else { return Score::default() };
+        self.window.take(newest, deviations);
+        self.before.front().map_or_else(Score::default, |before| self.window.score(before))
     }
 
     fn calibrate(&mut self, deviations: [f64; CHANNELS]) {
@@ -162,14 +223,37 @@ impl AxisMonitor {
         }
     }
 
+    fn linearise(&mut self) {
+        if !self.keeps_declared {
+            self.bank.linearise(self.calibration.shares());
+        }
+        (self.linear, self.squares) = (0, [0.0; 2]);
+    }
+
     fn learn(&mut self) {
         self.calibrate([ASSUMED_RAD; CHANNELS]);
         self.learnt += 1;
+        self.linear += 1;
+        let [declared, calibrated] = self.squares;
+        let second = self.learnt == FIRST_LINEARISED[1];
+        if second && let Some(original) = self.original.take() && calibrated > declared {
+            // Where friction remembers how a movement began, or parameters cannot explain what the
+            // model lacks, observers that begun anew are worse than those there were.
+            self.bank = original;
+            self.keeps_declared = true;
+        }
         if self.learnt == LEARNING_BLOCKS {
             let shares = self.calibration.shares();
-            let energies: Vec<_> =
-                self.kept.iter().map(|(_, block)| block.energy_less(shares)).collect();
+            // Along the newest directions alone.
+            let newest = self.kept.iter().rev().take(self.linear);
+            let energies: Vec<_> = newest.map(|(_, block)| block.energy_less(shares)).collect();
             self.baseline = Baseline::of(&energies);
+        } else if FIRST_LINEARISED.contains(&self.learnt) {
+            if self.learnt == FIRST_LINEARISED[0] {
+                self.original = Some(self.bank.clone());
+            }
+            self.linearise();
+            self.calibration = Calibration::new(self.calibration.shares().len());
         }
     }
 
@@ -198,6 +282,11 @@ impl AxisMonitor {
     /// Energy of the newest block beyond the calibration (rad²).
     pub const fn energy(&self) -> [f64; CHANNELS] {
         self.energy
+    }
+
+    /// Score of the change that the newest blocks show most.
+    pub const fn score(&self) -> Score {
+        self.score
     }
 
     /// The detector.

@@ -5,30 +5,27 @@ use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 use crate::bank::CHANNELS;
 use crate::sums::Sums;
 
-/// Rows of innovations count this much less than independent ones. An innovation lasts for as long
-/// as the observer takes to follow; and a direction is that of one change alone and of one size:
-/// believed to the letter, parameters leave their tolerances to fit one movement, and are wrong in
-/// the next.
-pub const ROWS_PER_INDEPENDENT: f64 = 1000.0;
+/// Rows of innovations count this much less than independent ones: an innovation lasts for as long
+/// as the observer takes to follow, and what the model lacks is the same in each cycle of a
+/// movement.
+const ROWS_PER_INDEPENDENT: f64 = 100.0;
+/// Standard deviation of a parameter's walk from block to block (tolerances): 0.06 in two minutes.
+/// A machine that warms up by a tolerance within an hour goes 0.03 in that time.
+const WALK: f64 = 0.004;
 
-/// Estimates by how much the parameters are off their declared values, in tolerances: recursive
-/// least squares with a tolerance as the standard deviation of the prior, and a memory.
-#[derive(Clone, Debug)]
+/// Estimates by how much the parameters are off their declared values, in tolerances: a Kalman
+/// filter with a tolerance as the standard deviation of the prior, and a random walk.
+#[derive(Clone, Debug, PartialEq)]
 pub struct Calibration {
-    sums: Sums,
-    forgetting: f64,
     shares: DVector<f64>,
     /// Covariance of the shares (square tolerances).
     covariance: DMatrix<f64>,
 }
 
 impl Calibration {
-    /// For the first `parameters` of so many `directions`; what is older than `memory` blocks
-    /// fades.
-    pub fn new(parameters: usize, directions: usize, memory: f64) -> Self {
+    /// For so many parameters, the first of the directions.
+    pub fn new(parameters: usize) -> Self {
         Self {
-            sums: Sums::new(directions),
-            forgetting: (-1.0 / memory).exp(),
             shares: DVector::zeros(parameters),
             covariance: DMatrix::identity(parameters, parameters),
         }
@@ -37,6 +34,17 @@ impl Calibration {
     /// Deviations of the parameters from their declared values, in tolerances.
     pub const fn shares(&self) -> &DVector<f64> {
         &self.shares
+    }
+
+    /// Covariance of the deviations (square tolerances).
+    pub const fn covariance(&self) -> &DMatrix<f64> {
+        &self.covariance
+    }
+
+    /// Becomes another, without allocating.
+    pub fn copy_from(&mut self, other: &Self) {
+        self.shares.copy_from(&other.shares);
+        self.covariance.copy_from(&other.covariance);
     }
 
     /// Mean square that a block is expected to have beside the baseline, since the shares are known
@@ -56,15 +64,20 @@ impl Calibration {
         })
     }
 
-    /// Takes a block, with the standard deviations of the innovation (rad).
+    /// Takes a block, with the standard deviations of the innovation (rad). One whose sums are not
+    /// finite changes nothing.
     pub fn take(&mut self, block: &Sums, deviations: [f64; CHANNELS]) {
-        self.sums.scale(self.forgetting);
-        self.sums.add_sums(block);
+        let count = self.shares.len();
         let weights = weights(deviations);
-        if let Some(normal) = normal(&self.sums, self.shares.len(), weights, 1.0) {
-            let with = DVector::from_fn(self.shares.len(), |at, _| self.sums.with(at, weights));
-            self.shares = normal.solve(&with);
-            self.covariance = normal.inverse();
+        let mut before = self.covariance.clone();
+        (0..count).for_each(|at| before[(at, at)] += WALK * WALK);
+        let Some(before) = before.cholesky() else { return };
+        let shown = DMatrix::from_fn(count, count, |at, other| block.product(at, other, weights));
+        let with = DVector::from_fn(count, |at, _| block.with(at, weights));
+        let left = with - &shown * &self.shares;
+        if let Some(after) = (before.inverse() + shown).cholesky() {
+            self.shares += after.solve(&left);
+            self.covariance = after.inverse();
         }
     }
 }
@@ -109,14 +122,14 @@ mod tests {
             directions[shown] = [wave, 0.5 * wave];
             let own = if shown == 0 { 0.5 * wave } else { 0.0 };
             let declared = [own, 0.5 * own];
-            sums.add(&Innovations { declared, directions, ..Innovations::default() });
+            sums.add(&Innovations { linear: declared, directions, ..Innovations::default() });
         }
         sums
     }
 
     #[test]
     fn a_parameter_is_found_and_one_that_was_never_seen_is_uncertain() {
-        let mut calibration = Calibration::new(2, 2, 240.0);
+        let mut calibration = Calibration::new(2);
         let before = calibration.expected(&block(0));
         for _ in 0..40 {
             calibration.take(&block(0), USUAL_RAD);
@@ -125,16 +138,20 @@ mod tests {
         assert!(calibration.expected(&block(0))[0] < 0.01 * before[0]);
         // The other movement may show anything within the tolerance.
         let other = calibration.expected(&block(1));
-        let tolerance = block(1).product(1, 1, [1.0, 0.0]) / 125.0;
+        let walked = 1.0 + 40.0 * WALK * WALK;
+        let tolerance = walked * block(1).product(1, 1, [1.0, 0.0]) / 125.0;
         assert!((other[0] / tolerance - 1.0).abs() < 1e-9, "{other:?} {tolerance}");
     }
 
     #[test]
-    fn what_is_old_fades() {
-        let mut calibration = Calibration::new(2, 2, 10.0);
+    fn what_is_not_seen_any_more_is_kept_and_known_less() {
+        let mut calibration = Calibration::new(2);
         (0..40).for_each(|_| calibration.take(&block(0), USUAL_RAD));
+        let known = calibration.covariance()[(0, 0)];
         (0..200).for_each(|_| calibration.take(&block(1), USUAL_RAD));
-        assert!(calibration.shares()[0].abs() < 0.01, "{}", calibration.shares());
+        assert!((calibration.shares()[0] - 0.5).abs() < 0.01, "{}", calibration.shares());
+        let walked = calibration.covariance()[(0, 0)] - known;
+        assert!((walked / (200.0 * WALK * WALK) - 1.0).abs() < 1e-6, "{walked}");
     }
 
     #[test]

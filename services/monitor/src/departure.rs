@@ -1,9 +1,11 @@
 //! When the machine departs from the model: the innovation's energy against its baseline, by a
-//! cumulative sum.
+//! cumulative sum, which notices whatever it is; and the score of the listed changes
+//! ([`crate::score`]), which notices those when they are smaller.
 
 use ipc_types::MODEL_DEPARTURE_SUM;
 
 use crate::bank::CHANNELS;
+use crate::score::Score;
 
 /// Energy that the machine may have more than in the baseline, as the logarithm of the ratio: the
 /// innovation depends somewhat on the movement. It is 2.5 times the baseline's spread where that is
@@ -12,7 +14,9 @@ const SLACK: f64 = 0.9;
 const SPREADS: f64 = 2.5;
 /// Most that one block adds: it alone is no departure.
 const MOST: f64 = 1.5;
-/// The machine has come back after so many blocks in a row within the slack.
+/// The machine has departed when the sum exceeds [`MODEL_DEPARTURE_SUM`], or a score this.
+const SHOWN: f64 = 5.0;
+/// It has come back after so many blocks in a row within the slack.
 const BACK: u32 = 20;
 
 /// The innovation of a machine that is as it should be.
@@ -64,7 +68,7 @@ pub struct Detector {
     sums: [f64; CHANNELS],
     departed: bool,
     within: u32,
-    /// Blocks since the sum left 0.
+    /// Blocks since the sum left 0, or what is shown began.
     since: u32,
 }
 
@@ -74,19 +78,28 @@ impl Detector {
         self.sums
     }
 
+    /// Whether the machine has departed.
+    pub const fn departed(&self) -> bool {
+        self.departed
+    }
+
     /// Blocks since the departure began, the newest included; 0 where there is none.
     pub const fn blocks(&self) -> u32 {
         self.since
     }
 
-    /// Takes the energy of a block, and what it may have beside the baseline (rad²).
+    /// Takes the energy of a block and what it may have beside the baseline (rad²), and the score
+    /// with it.
     pub fn take(
         &mut self,
         energy: [f64; CHANNELS],
         expected: [f64; CHANNELS],
+        score: Score,
         baseline: &Baseline,
     ) -> Verdict {
-        let mut beyond = false;
+        // What was noticed is there until it shows half as much.
+        let shown = score.ratio > if self.departed { 0.5 * SHOWN } else { SHOWN };
+        let mut beyond = shown;
         for (channel, energy) in energy.into_iter().enumerate() {
             let usual = baseline.deviation_rad[channel].powi(2) + expected[channel];
             let usual = usual.max(f64::MIN_POSITIVE);
@@ -106,8 +119,11 @@ impl Detector {
             return Verdict::Returns;
         }
         self.since = if largest > 0.0 { self.since + 1 } else { 0 };
-        if largest > MODEL_DEPARTURE_SUM {
+        if shown || largest > MODEL_DEPARTURE_SUM {
             self.departed = true;
+            if shown {
+                self.since = self.since.max(score.blocks as u32);
+            }
             return Verdict::Departs;
         }
         if largest > 0.0 { Verdict::Suspicious } else { Verdict::Steady }
@@ -120,6 +136,7 @@ mod tests {
 
     const USUAL: Baseline = Baseline { deviation_rad: [1e-3, 2e-3], spread: [0.1, 0.1] };
 
+    const NONE: Score = Score { ratio: 0.5, blocks: 3 };
     const NOTHING: [f64; CHANNELS] = [0.0; CHANNELS];
 
     fn energy(master: f64, slave: f64) -> [f64; CHANNELS] {
@@ -139,11 +156,11 @@ mod tests {
     #[test]
     fn one_large_block_is_no_departure_and_two_are() {
         let mut detector = Detector::default();
-        assert_eq!(detector.take(energy(1.0, 1e6), NOTHING, &USUAL), Verdict::Suspicious);
-        assert_eq!(detector.take(energy(1.0, 1.0), NOTHING, &USUAL), Verdict::Suspicious);
-        while detector.take(energy(1.0, 1.0), NOTHING, &USUAL) != Verdict::Steady {}
-        assert_eq!(detector.take(energy(9.0, 1.0), NOTHING, &USUAL), Verdict::Suspicious);
-        assert_eq!(detector.take(energy(9.0, 1.0), NOTHING, &USUAL), Verdict::Departs);
+        assert_eq!(detector.take(energy(1.0, 1e6), NOTHING, NONE, &USUAL), Verdict::Suspicious);
+        assert_eq!(detector.take(energy(1.0, 1.0), NOTHING, NONE, &USUAL), Verdict::Suspicious);
+        while detector.take(energy(1.0, 1.0), NOTHING, NONE, &USUAL) != Verdict::Steady {}
+        assert_eq!(detector.take(energy(9.0, 1.0), NOTHING, NONE, &USUAL), Verdict::Suspicious);
+        assert_eq!(detector.take(energy(9.0, 1.0), NOTHING, NONE, &USUAL), Verdict::Departs);
         assert_eq!((detector.blocks(), detector.sums()[1]), (2, 0.0));
     }
 
@@ -151,7 +168,7 @@ mod tests {
     fn within_the_slack_nothing_adds_up() {
         let mut detector = Detector::default();
         for _ in 0..10_000 {
-            assert_eq!(detector.take(energy(1.5, 1.5), NOTHING, &USUAL), Verdict::Steady);
+            assert_eq!(detector.take(energy(1.5, 1.5), NOTHING, NONE, &USUAL), Verdict::Steady);
         }
         assert_eq!(detector.sums(), [0.0, 0.0]);
     }
@@ -160,19 +177,31 @@ mod tests {
     fn what_the_calibration_does_not_know_yet_is_expected() {
         let mut detector = Detector::default();
         for _ in 0..100 {
-            let verdict = detector.take(energy(9.0, 1.0), energy(8.0, 0.0), &USUAL);
+            let verdict = detector.take(energy(9.0, 1.0), energy(8.0, 0.0), NONE, &USUAL);
             assert_eq!(verdict, Verdict::Steady);
+        }
+    }
+
+    #[test]
+    fn what_shows_is_a_departure_though_its_energy_is_usual() {
+        let mut detector = Detector::default();
+        let shown = Score { ratio: 1.1 * SHOWN, blocks: 6 };
+        assert_eq!(detector.take(energy(1.0, 1.0), NOTHING, NONE, &USUAL), Verdict::Steady);
+        assert_eq!(detector.take(energy(1.0, 1.0), NOTHING, shown, &USUAL), Verdict::Departs);
+        assert_eq!(detector.blocks(), 6);
+        for _ in 0..2 * BACK {
+            assert_eq!(detector.take(energy(1.0, 1.0), NOTHING, shown, &USUAL), Verdict::Departed);
         }
     }
 
     #[test]
     fn it_is_back_after_ten_seconds_as_before() {
         let mut detector = Detector::default();
-        while detector.take(energy(9.0, 1.0), NOTHING, &USUAL) != Verdict::Departs {}
+        while detector.take(energy(9.0, 1.0), NOTHING, NONE, &USUAL) != Verdict::Departs {}
         for _ in 1..BACK {
-            assert_eq!(detector.take(energy(1.0, 1.0), NOTHING, &USUAL), Verdict::Departed);
+            assert_eq!(detector.take(energy(1.0, 1.0), NOTHING, NONE, &USUAL), Verdict::Departed);
         }
-        assert_eq!(detector.take(energy(1.0, 1.0), NOTHING, &USUAL), Verdict::Returns);
+        assert_eq!(detector.take(energy(1.0, 1.0), NOTHING, NONE, &USUAL), Verdict::Returns);
         assert_eq!(detector, Detector::default());
     }
 }

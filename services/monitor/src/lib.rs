@@ -6,7 +6,8 @@
 //! | [`bank`] | runs observers side by side: the declared model, and the same with each change |
 //! | [`sums`] | sums innovations and directions over blocks of half a second of movement |
 //! | [`calibration`] | follows the declared parameters within their tolerances |
-//! | [`departure`] | compares the rest with its baseline, by a cumulative sum |
+//! | [`score`] | scores how much the rest of the newest blocks looks like one of the changes |
+//! | [`departure`] | compares the rest with its baseline, by a cumulative sum, and the score |
 //! | [`origin`] | finds the effect, and with it the place, that explains a departure |
 //! | [`axis_monitor`], [`rig_monitor`] | put these together for an axis and for a rig |
 //! | `process` | subscribes to samples and publishes what the others found |
@@ -24,6 +25,7 @@ pub mod origin;
 mod process;
 pub mod rig_monitor;
 pub mod row;
+pub mod score;
 pub mod sums;
 
 pub use process::{MonitorError, run};

