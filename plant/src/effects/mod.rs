@@ -4,8 +4,8 @@
 //! internal step. Each effect is a [`ParameterSet`]; its first parameter is its size, the value
 //! after `=` in `ID[@SITE][=SIZE]`. Its file also declares how it is searched in records
 //! ([`search`]), how it is looked for beside a running machine ([`monitoring`]) and its form in
-//! models of one channel ([`one_channel`]). To add one: a file here,
-//! and its name in two lines of this file (`pub mod` and [`LIST`]).
+//! models of one channel ([`one_channel`]). To add one: a file here, and its name in two lines of
+//! this file (`pub mod` and [`LIST`]).
 
 use crate::ParameterSet;
 use crate::friction::{Load, OperatingPoint};

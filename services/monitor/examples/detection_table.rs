@@ -179,7 +179,10 @@ fn main() -> Result<()> {
     let rig = RigFile::parse(shipped.text, &name)?;
     let mut generator = Pcg64Mcg::seed_from_u64(seed);
     println!("{}\n", warming(&rig, shipped.text, &name, seed)?);
-    println!("| effect | size | of 5 % | alarms | within 5 s | median delay s | longest s | effect | place |");
+    println!(
+        "| effect | size | of 5 % | alarms | within 5 s | median delay s | longest s | effect | \
+         place |"
+    );
     println!("|---|---|---|---|---|---|---|---|---|");
     let (mut right, mut alarms, mut early) = (0, 0, 0);
     for (id, site) in EFFECTS {

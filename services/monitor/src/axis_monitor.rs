@@ -74,6 +74,8 @@ pub struct AxisMonitor {
     /// Sums of the squares of the innovations since, of the declared and the calibrated model
     /// (rad²).
     squares: [f64; 2],
+    /// The slave and the torque of the hand are measured.
+    measured: bool,
     /// The calibrated model was worse than the declared, which is kept.
     keeps_declared: bool,
     stopping: u32,
@@ -111,6 +113,7 @@ impl AxisMonitor {
             learnt: 0,
             linear: 0,
             squares: [0.0; 2],
+            measured: axis.slave.is_some() && axis.torque.is_some(),
             keeps_declared: false,
             stopping: 0,
             restarts: 0,
@@ -212,7 +215,11 @@ impl AxisMonitor {
     }
 
     fn score_of_newest(&mut self, deviations: [f64; CHANNELS]) -> Score {
-        let Some((_, newest)) = self.kept.back() else { return Score::default() };
+        // Directions across whole tolerances are too coarse for it.
+        let scored = self.measured && !self.keeps_declared;
+        let Some((_, newest)) = self.kept.back().filter(|_| scored) else {
+            return Score::default();
+        };
         self.window.take(newest, deviations);
         self.before.front().map_or_else(Score::default, |before| self.window.score(before))
     }
@@ -236,7 +243,10 @@ impl AxisMonitor {
         self.linear += 1;
         let [declared, calibrated] = self.squares;
         let second = self.learnt == FIRST_LINEARISED[1];
-        if second && let Some(original) = self.original.take() && calibrated > declared {
+        if second
+            && let Some(original) = self.original.take()
+            && calibrated > declared
+        {
             // Where friction remembers how a movement began, or parameters cannot explain what the
             // model lacks, observers that begun anew are worse than those there were.
             self.bank = original;
@@ -284,7 +294,8 @@ impl AxisMonitor {
         self.energy
     }
 
-    /// Score of the change that the newest blocks show most.
+    /// Score of the change that the newest blocks show most; none where the declared model is kept,
+    /// and without a slave's encoder or a torque cell.
     pub const fn score(&self) -> Score {
         self.score
     }

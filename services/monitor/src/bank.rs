@@ -110,9 +110,9 @@ pub struct Innovations {
     pub tick: u64,
     /// Of the declared model, by channel (rad); the slave's is 0 where it is not observed.
     pub declared: [f64; CHANNELS],
-    /// The same, by channel (rad), as the model has it that was linearised at calibrated parameters:
-    /// their model's innovation and the directions of the parameters, each by as much as it is off
-    /// its declared value.
+    /// The same as the model has it that was linearised at calibrated parameters, by channel (rad):
+    /// its innovation, and the directions of the parameters by as much as each is off its declared
+    /// value.
     pub linear: [f64; CHANNELS],
     /// Of the model with the parameters at which it is linearised, by channel (rad).
     pub calibrated: [f64; CHANNELS],
@@ -481,7 +481,9 @@ mod tests {
         let rows = rows(&rig, 0.0, 600);
         let mut bank = ObserverBank::new(&rig, &rig.axes[0], STEP_S).unwrap();
         let settled = |bank: &mut ObserverBank, rows: &[Row]| {
-            rows.iter().for_each(|row| drop(bank.take(row).is_some()));
+            for row in rows {
+                bank.take(row);
+            }
             bank.newest().settled
         };
         let enough = AVERAGED * SETTLING_ROWS as usize + 10;

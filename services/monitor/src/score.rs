@@ -100,7 +100,8 @@ impl Window {
             let power: f64 = self.blocks.iter().map(|block| block.power[at]).sum();
             let row = self.products.row(at);
             for (other, known) in self.known.iter_mut().enumerate() {
-                *known = row.iter().zip(before.covariance().column(other).iter()).map(product).sum();
+                *known =
+                    row.iter().zip(before.covariance().column(other).iter()).map(product).sum();
             }
             let uncertain: f64 = row.iter().zip(self.known.iter()).map(product).sum();
             let variance = power + uncertain.max(0.0);
@@ -184,7 +185,7 @@ mod tests {
         let none = after(&[0.0; WINDOW]);
         assert!(none.ratio < 0.1, "{none:?}");
         let changed = after(&[0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0, 1.0]);
-        // A block has 125 rows / 100 of a mean d² of 2 square deviations, and five of eight show it.
+        // Five of eight blocks; in each 125 rows / 100 of a mean d² of 2 square deviations.
         let expected = (5.0f64 * 2.5).powi(2) / (8.0 * 2.5);
         assert!((changed.ratio / expected - 1.0).abs() < 0.1, "{changed:?}, not {expected}");
         assert_eq!(changed.blocks, 5);
