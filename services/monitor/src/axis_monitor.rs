@@ -26,6 +26,9 @@ const KEPT: usize = LEARNING_BLOCKS;
 const FIRST_LINEARISED: [usize; 3] = [8, 16, 24];
 /// Blocks of a machine as it should be after which it is linearised anew: two minutes of movement.
 const LINEARISED_EVERY: usize = 240;
+/// A calibrated model whose innovations have so many times the mean square of the declared one's is
+/// not used.
+const WORSE: f64 = 4.0;
 /// Slower, the master stands still (rad/s).
 const SLOW_RAD_S: f64 = 0.05;
 /// Rows after the master was last faster for which it counts as moving: friction is seen best where
@@ -50,7 +53,7 @@ pub enum Seen<'a> {
 pub struct AxisMonitor {
     filter: RowFilter,
     bank: ObserverBank,
-    /// The bank as it was at the beginning, while it is compared with the linearised one.
+    /// The bank as it was at the beginning, until it is compared with the linearised one.
     original: Option<ObserverBank>,
     block: Sums,
     calibration: Calibration,
@@ -242,10 +245,10 @@ impl AxisMonitor {
         self.learnt += 1;
         self.linear += 1;
         let [declared, calibrated] = self.squares;
-        let second = self.learnt == FIRST_LINEARISED[1];
-        if second
+        let last = self.learnt == FIRST_LINEARISED[2];
+        if last
             && let Some(original) = self.original.take()
-            && calibrated > declared
+            && calibrated > WORSE * declared
         {
             // Where friction remembers how a movement began, or parameters cannot explain what the
             // model lacks, observers that begun anew are worse than those there were.
@@ -258,6 +261,7 @@ impl AxisMonitor {
             let newest = self.kept.iter().rev().take(self.linear);
             let energies: Vec<_> = newest.map(|(_, block)| block.energy_less(shares)).collect();
             self.baseline = Baseline::of(&energies);
+            self.before.iter_mut().for_each(|before| before.copy_from(&self.calibration));
         } else if FIRST_LINEARISED.contains(&self.learnt) {
             if self.learnt == FIRST_LINEARISED[0] {
                 self.original = Some(self.bank.clone());
