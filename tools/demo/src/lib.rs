@@ -48,6 +48,7 @@
 
 pub mod analysis;
 mod closed_loop;
+mod demonstrated;
 mod display_unit;
 mod folder;
 mod hidden_effect;
@@ -60,9 +61,10 @@ mod tables;
 mod terminal;
 
 pub use closed_loop::{ClosedLoop, ClosedLoopSummary, Naming};
+pub use demonstrated::Run;
 pub use folder::Folder;
 pub use hidden_effect::draw;
 pub use identify_result::IdentifyResult;
 pub use page::page;
-pub use run::{Args, Run, run};
+pub use run::{Args, run};
 pub use summary::{Outcome, Summary};

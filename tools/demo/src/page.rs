@@ -6,8 +6,8 @@ use report::{Figure, Page, Table, Tone};
 use rig::RigFile;
 
 use crate::analysis::{Analysis, Model, Outage, Trace, master, slave, unpowered_spans};
+use crate::demonstrated::Run;
 use crate::display_unit::DisplayUnit;
-use crate::run::Run;
 use crate::tables::{events, tables};
 use crate::{Outcome, Summary};
 

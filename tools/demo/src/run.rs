@@ -14,6 +14,7 @@ use runtime::RigName;
 
 use crate::analysis::{Analysis, Kill, Trace, analyse};
 use crate::closed_loop::{ClosedLoop, Closing, Movements};
+use crate::demonstrated::Run;
 use crate::folder::Folder;
 use crate::hidden_effect::draw;
 use crate::page::page;
@@ -168,19 +169,6 @@ struct Plan<'a> {
     protocol: &'a Protocol,
     movements: &'a Movements,
     folder: &'a Folder,
-}
-
-/// What the demo did, beside what is in its first recording.
-#[derive(Debug)]
-pub struct Run {
-    /// The processes that were killed.
-    pub kills: Vec<Kill>,
-    /// The effect that was hidden (`ID@SITE=SIZE`).
-    pub hidden: Option<String>,
-    /// What identify says of the excitation.
-    pub identified: IdentifyResult,
-    /// What was tuned, and what it gained.
-    pub closed_loop: ClosedLoop,
 }
 
 /// `ID@SITE=SIZE`, with the site and the size that were taken where none was given.

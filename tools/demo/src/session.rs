@@ -87,8 +87,8 @@ pub(crate) struct Session<'a> {
 }
 
 impl<'a> Session<'a> {
-    /// Of a rig that is up; `hidden` is the effect (`ID@SITE=SIZE`) that its machine gets once it is
-    /// homed: not every effect would let the stops be found.
+    /// Of a rig that is up; `hidden` is the effect (`ID@SITE=SIZE`) that its machine gets once it
+    /// is homed: not every effect would let the stops be found.
     pub(crate) fn open(
         up: &'a Up,
         terminal: &'a Terminal,

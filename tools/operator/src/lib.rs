@@ -12,6 +12,7 @@
 //! [`command`] is the command line round them. A rig is known by its name: everything of it lies in
 //! one directory of shared memory.
 
+mod changed_rig_file;
 mod chosen_protocol;
 pub mod command;
 mod console_address;
@@ -27,6 +28,7 @@ pub mod status;
 mod up;
 
 pub use acquisition::CardOptions;
+pub use changed_rig_file::change_rig_file;
 pub use chosen_protocol::{ChosenProtocol, RunOptions, client_number};
 pub use console_address::ConsoleAddress;
 pub use down::{Cleaning, Down, down};
@@ -34,6 +36,6 @@ pub use error::{DATA_LOST, DONE, Error, FAILED, USAGE};
 pub use initialise_results::FoundRange;
 pub use link::{RigLink, verb};
 pub use run::{Progress, RunOutcome, resume_protocol, run_protocol, stop_protocol};
-pub use saved_rig_file::{change_rig_file, rig_of, running};
+pub use saved_rig_file::{rig_of, running};
 pub use session_files::{SessionFiles, Written, sessions_of};
 pub use up::{Up, UpOptions, up, up_in_foreground};

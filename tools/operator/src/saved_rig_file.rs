@@ -3,19 +3,12 @@
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::time::{Duration, Instant};
 
-use ipc_types::{PROCESSES, Process};
 use launch::RunDir;
 use rig::RigFile;
 use runtime::RigName;
 
 use crate::Error;
-use crate::up::absolute;
-
-/// How long the processes may take to be ready again.
-const RESTART_LIMIT: Duration = Duration::from_secs(15);
-const POLL_PERIOD: Duration = Duration::from_millis(20);
 
 /// Variable with the rig file of all processes.
 pub(crate) const RIG: &str = "FARREACH_RIG";
@@ -65,97 +58,6 @@ pub fn rig_of(name: &RigName) -> Result<RigFile, Error> {
             reason: format!("expected {RIG} among the variables"),
         }),
     }
-}
-
-/// Whether a process reads anything of a rig file that may change while the rig is up: gains,
-/// options of the control, the declared model. What the others read, a change must leave as it is.
-fn reads_model(process: Process) -> bool {
-    match process {
-        Process::Control
-        | Process::Experiment
-        | Process::Monitor
-        | Process::Logger
-        | Process::Console => true,
-        Process::Keeper
-        | Process::Simulator
-        | Process::Acquisition
-        | Process::Watchdog
-        | Process::Launcher
-        | Process::Operator => false,
-    }
-}
-
-/// Has a rig that is up go on with another rig file, which may differ in gains, options of the
-/// control and the declared model: the processes that read these are restarted, the card and with
-/// it the homed positions stay. A simulated machine stays what it was. The motor must be without
-/// power. `name` names the file for people. Returns when they are ready again.
-///
-/// # Errors
-/// [`Error::RigFileDiffers`] where it differs in anything else; where the rig is not up.
-pub fn change_rig_file(rig_name: &RigName, name: &Path, rig: &RigFile) -> Result<(), Error> {
-    let config = running(rig_name)?;
-    let before = rig_of(rig_name)?;
-    if let Some(part) = other_part(&before, rig) {
-        return Err(Error::RigFileDiffers { file: rig.file_name().to_owned(), part });
-    }
-    let run_dir = rig_name.run_directory();
-    let path = absolute(&keep_copy(&run_dir, name, rig)?)?;
-    let mut variables = BTreeMap::from([(RIG.to_owned(), path)]);
-    let was = |name: &str| config.environment.get(name).cloned().unwrap_or_default();
-    let simulated = config.units.iter().any(|unit| unit.name == Process::Simulator.text());
-    if simulated && was(MACHINE).is_empty() {
-        variables.insert(MACHINE.to_owned(), was(RIG));
-    }
-    let reading = PROCESSES.iter().map(|entry| entry.process).filter(|own| reads_model(*own));
-    let units: Vec<String> = reading
-        .map(|process| process.text().to_owned())
-        .filter(|name| config.units.iter().any(|unit| unit.name == *name))
-        .collect();
-    let processes = |status: &launch::Status| -> Vec<(launch::UnitState, Option<_>)> {
-        let of_unit = |name: &String| status.unit(name).map(|unit| (unit.state, unit.process));
-        units.iter().filter_map(of_unit).collect()
-    };
-    let old = processes(&launch::status(&run_dir)?);
-    launch::change(&run_dir, variables, &units)?;
-    let begun = Instant::now();
-    loop {
-        let now = processes(&launch::status(&run_dir)?);
-        let again = now.len() == old.len()
-            && now.iter().zip(&old).all(|((state, process), (_, before))| {
-                *state == launch::UnitState::Ready && process != before
-            });
-        if again {
-            return Ok(());
-        }
-        if begun.elapsed() > RESTART_LIMIT {
-            return Err(Error::NotRestarted { units: units.join(", ") });
-        }
-        std::thread::sleep(POLL_PERIOD);
-    }
-}
-
-/// The first part in which two rig files differ, of those that acquisition, watchdog and card read.
-fn other_part(before: &RigFile, after: &RigFile) -> Option<&'static str> {
-    let axes = |rig: &RigFile| {
-        let of_axis = |axis: &rig::Axis| {
-            let control = rig::AxisControl::default();
-            let (model, effects) = (Vec::new(), Vec::new());
-            rig::Axis { control, model, effects, ..axis.clone() }
-        };
-        rig.axes.iter().map(of_axis).collect::<Vec<_>>()
-    };
-    let parts = [
-        ("name", before.name == after.name),
-        ("rates", before.rates == after.rates),
-        ("phases_us", before.phases == after.phases),
-        ("axes", axes(before) == axes(after)),
-        ("channels", before.channels == after.channels),
-        ("emg", before.emg == after.emg),
-        ("scanner", before.scanner == after.scanner),
-        ("sync", before.sync == after.sync),
-        ("model.kind", before.model.kind == after.model.kind),
-    ];
-    parts.iter().find(|(_, same)| !same).map(|(part, _)| *part)
 }
 
 #[cfg(test)]

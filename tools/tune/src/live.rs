@@ -160,8 +160,8 @@ impl Bench<'_> {
         Ok(Movement { recording: file.to_owned(), followed, error })
     }
 
-    /// Has the rig go on with another rig file, and gives the motor back to the person's permission:
-    /// disarmed before, reset and armed after. Call it only for a person who has said so.
+    /// Has the rig go on with another rig file: disarmed before, reset and armed after. Call it
+    /// only for a person who has agreed to that.
     ///
     /// # Errors
     /// Where the file differs in more than control and model, or the processes do not come back.

@@ -114,7 +114,8 @@ impl Since {
                 100.0 * largest_sum
             ),
             Self::Changed { after_s, likely, .. } => format!(
-                "THE MACHINE IS NOT THE ONE THAT WAS TUNED: clear after {after_s:.1} s of movement{}",
+                "THE MACHINE IS NOT THE ONE THAT WAS TUNED: clear after {after_s:.1} s of \
+                 movement{}",
                 match likely {
                     Some(likely) => format!(", most like {likely}"),
                     None => String::new(),

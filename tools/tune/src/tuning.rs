@@ -55,6 +55,9 @@ pub struct TuningSummary {
     pub left_out: Vec<String>,
 }
 
+/// A prediction that is further from the measured error than this part of it is not to be relied on.
+const TRUSTED: f64 = 0.2;
+
 /// An error (rad or m) in words, in degrees or millimetres.
 pub(crate) fn shown(unit: AxisUnit, error: f64) -> String {
     match unit {
@@ -124,6 +127,13 @@ impl Tuning {
                 100.0 * self.prediction_error()
             ),
         ];
+        if self.prediction_error().abs() > TRUSTED {
+            lines.push(
+                "            the model does not predict what was measured: do not rely on its \
+                 promise"
+                    .to_owned(),
+            );
+        }
         for choice in &control.choices {
             let told = match choice.predicted.error() {
                 Some(error) => self.shown(error.rms),
