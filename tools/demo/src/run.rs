@@ -12,7 +12,7 @@ use rig::protocol::Protocol;
 use rig::{load_protocol, load_rig};
 use runtime::RigName;
 
-use crate::analysis::{Analysis, Kill, Trace, analyse};
+use crate::analysis::{Analysis, Trace, analyse};
 use crate::closed_loop::{ClosedLoop, Closing, Movements};
 use crate::demonstrated::Run;
 use crate::folder::Folder;

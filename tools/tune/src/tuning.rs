@@ -55,7 +55,7 @@ pub struct TuningSummary {
     pub left_out: Vec<String>,
 }
 
-/// A prediction that is further from the measured error than this part of it is not to be relied on.
+/// A prediction that is off by more than this part of the measured error is not to be relied on.
 const TRUSTED: f64 = 0.2;
 
 /// An error (rad or m) in words, in degrees or millimetres.
