@@ -10,7 +10,7 @@ const DAYS: [u32; 4] = [1, 2, 5, 10];
 const NAMES: [&str; 12] =
     ["Jan", "Feb", "Mar", "Apr", "May", "Jun", "Jul", "Aug", "Sep", "Oct", "Nov", "Dec"];
 /// Steps of months.
-const MONTHS: [u32; 9] = [1, 2, 3, 6, 12, 24, 60, 120, 240];
+const MONTHS: [u32; 11] = [1, 2, 3, 6, 12, 24, 60, 120, 240, 600, 1200];
 /// Share of the distance wanted that two ticks keep.
 const CROWDED: f64 = 0.75;
 const DAYS_PER_MONTH: f64 = 30.5;
@@ -34,7 +34,7 @@ pub(crate) fn ticks(low: f64, high: f64, wanted: usize) -> Vec<(f64, String)> {
         }),
         None => {
             let wide = |months: &u32| f64::from(*months) * DAYS_PER_MONTH >= CROWDED * least;
-            let step = MONTHS.into_iter().find(wide).unwrap_or(240);
+            let step = MONTHS.into_iter().find(wide).unwrap_or(1200);
             of_days(low, high, |date| {
                 let month = 12 * date.year + date.month - 1;
                 let round = date.day == 1 && month.is_multiple_of(step);
