@@ -235,15 +235,7 @@ pub fn change(
     environment: BTreeMap<String, String>,
     units: &[String],
 ) -> Result<(), Error> {
-    let directory = RunDir::new(run_dir);
-    if !directory.is_held()? {
-        return Err(Error::NotUp { run_dir: run_dir.to_path_buf() });
-    }
-    let request = Request::Change { environment, units: units.to_vec() };
-    match Connection::open(&directory)?.ask(&request)? {
-        Answer::Done => Ok(()),
-        other => Err(unexpected(&other)),
-    }
+    ask(run_dir, &Request::Change { environment, units: units.to_vec() })
 }
 
 /// Restarts one unit, also one that had been given up.
@@ -251,11 +243,16 @@ pub fn change(
 /// # Errors
 /// If there is no launcher or no such unit, or the rig is not up.
 pub fn restart(run_dir: &Path, unit: &str) -> Result<(), Error> {
+    ask(run_dir, &Request::Restart { unit: unit.to_owned() })
+}
+
+/// Asks the launcher for something that it does, or refuses.
+fn ask(run_dir: &Path, request: &Request) -> Result<(), Error> {
     let directory = RunDir::new(run_dir);
     if !directory.is_held()? {
         return Err(Error::NotUp { run_dir: run_dir.to_path_buf() });
     }
-    match Connection::open(&directory)?.ask(&Request::Restart { unit: unit.to_owned() })? {
+    match Connection::open(&directory)?.ask(request)? {
         Answer::Done => Ok(()),
         other => Err(unexpected(&other)),
     }

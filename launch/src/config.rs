@@ -62,6 +62,11 @@ impl Config {
         self
     }
 
+    /// Whether a unit of that name is among those to start.
+    pub fn has_unit(&self, name: &str) -> bool {
+        self.units.iter().any(|unit| unit.name == name)
+    }
+
     /// Checks names and paths, makes the paths absolute, and puts the units in the order of start.
     pub(crate) fn checked(mut self) -> Result<Self, Error> {
         let allowed =

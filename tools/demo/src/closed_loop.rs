@@ -4,23 +4,15 @@ use identify::outcome::{ChannelError, Outcome, Verdict};
 use identify::write_rig::Provenance;
 use operator::Up;
 use report::{Page, Tone};
-use rig::RigFile;
-use rig::protocol::Protocol;
 use serde::Serialize;
 use tune::live::Movement;
 use tune::proposal::propose;
-use tune::recorded::passes;
-use tune::{Tuning, TuningSummary};
+use tune::{Protocols, Tuning, TuningSummary};
 
 use crate::IdentifyResult;
 use crate::folder::Folder;
 use crate::session::{Interrupted, Session};
 use crate::terminal::Terminal;
-
-/// The movement whose tracking error is compared.
-const MOVEMENT: (&str, &str) = ("guided-1hz", "segments.0.duration_s=12");
-/// The movement from which the model is identified.
-const EXCITATION: &str = "tuning-excitation";
 
 /// How the loop was closed.
 #[derive(Debug)]
@@ -52,13 +44,7 @@ pub enum Naming {
 impl Naming {
     /// Compares an outcome with what was hidden (`ID@SITE=SIZE`; `None` for nothing).
     pub fn of(outcome: &Outcome, hidden: Option<&str>) -> Self {
-        let named: Vec<String> =
-            outcome.effects.iter().map(|effect| format!("{}@{}", effect.id, effect.site)).collect();
-        let rivals: Vec<String> = outcome
-            .ambiguous_with
-            .iter()
-            .map(|named| format!("{}@{}", named.id, named.site))
-            .collect();
+        let (named, rivals) = (outcome.named(), outcome.rivals());
         Self::judge(&named, &rivals, (outcome.verdict, outcome.remains), hidden)
     }
 
@@ -97,29 +83,12 @@ impl Naming {
     }
 }
 
-/// The protocols, checked against the rig.
-pub(crate) struct Movements {
-    movement: Protocol,
-    excitation: Protocol,
-}
-
-impl Movements {
-    pub(crate) fn load(rig: &RigFile) -> anyhow::Result<Self> {
-        let (name, length) = MOVEMENT;
-        let movement = rig::load_protocol(name.as_ref(), &[length.to_owned()])?;
-        let excitation = rig::load_protocol(EXCITATION.as_ref(), &[])?;
-        movement.check_against(rig)?;
-        excitation.check_against(rig)?;
-        Ok(Self { movement, excitation })
-    }
-}
-
 /// A rig that is up, and what the loop is closed with.
 pub(crate) struct Closing<'a> {
     pub(crate) up: &'a Up,
     pub(crate) folder: &'a Folder,
     pub(crate) terminal: &'a Terminal,
-    pub(crate) movements: &'a Movements,
+    pub(crate) movements: &'a Protocols,
     pub(crate) revision: &'a str,
 }
 
@@ -148,7 +117,7 @@ impl Closing<'_> {
         identified: &mut IdentifyResult,
     ) -> anyhow::Result<Tuning> {
         let (rig, terminal) = (&self.up.rig, self.terminal);
-        let Movements { movement, excitation } = self.movements;
+        let Protocols { movement, excitation } = self.movements;
         let before = self.follow(session, self.folder.before())?;
         session.record(excitation, &self.folder.excitation())?;
         terminal.progress("identify: what does the declared model lack?");
@@ -190,10 +159,7 @@ impl Closing<'_> {
     ) -> anyhow::Result<Movement> {
         let movement = &self.movements.movement;
         session.record(movement, &recording)?;
-        let followed = passes(&recording, movement.identity(), None)?.pop().unwrap_or_default();
-        let error =
-            followed.error().ok_or_else(|| anyhow::anyhow!("the movement cannot be evaluated"))?;
-        Ok(Movement { recording, followed, error })
+        Movement::read(&recording, movement)
     }
 }
 
@@ -226,7 +192,7 @@ impl ClosedLoop {
             format!("hidden      {}", hidden.unwrap_or("nothing")),
             format!(
                 "found       {} ({})",
-                match tuning.effects().as_slice() {
+                match tuning.outcome.named().as_slice() {
                     [] => "no listed effect".to_owned(),
                     names => names.join(", "),
                 },

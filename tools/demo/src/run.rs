@@ -11,9 +11,10 @@ use plant::effects::Effect;
 use rig::protocol::Protocol;
 use rig::{load_protocol, load_rig};
 use runtime::RigName;
+use tune::Protocols;
 
 use crate::analysis::{Analysis, Trace, analyse};
-use crate::closed_loop::{ClosedLoop, Closing, Movements};
+use crate::closed_loop::{ClosedLoop, Closing};
 use crate::demonstrated::Run;
 use crate::folder::Folder;
 use crate::hidden_effect::draw;
@@ -101,7 +102,7 @@ pub fn run(args: Args, revision: &str) -> anyhow::Result<i32> {
     let rig = load_rig(&args.rig)?;
     let protocol = protocol(args.seconds)?;
     protocol.check_against(&rig)?;
-    let movements = Movements::load(&rig)?;
+    let movements = Protocols::usual(&rig)?;
     let folder = Folder::prepare(&args.out)?;
     let stop = runtime::stop_on(&SIGNALS)?;
     let terminal = Terminal::new();
@@ -167,7 +168,7 @@ fn hidden(args: &Args) -> Result<Option<String>, plant::effects::EffectError> {
 struct Plan<'a> {
     args: &'a Args,
     protocol: &'a Protocol,
-    movements: &'a Movements,
+    movements: &'a Protocols,
     folder: &'a Folder,
 }
 

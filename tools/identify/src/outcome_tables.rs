@@ -103,6 +103,18 @@ pub(crate) fn short(value: f64) -> String {
     }
 }
 
+impl Outcome {
+    /// Effects that were added, each as `ID@SITE`.
+    pub fn named(&self) -> Vec<String> {
+        self.effects.iter().map(|own| format!("{}@{}", own.id, own.site)).collect()
+    }
+
+    /// Effects that the data cannot distinguish from them, likewise.
+    pub fn rivals(&self) -> Vec<String> {
+        self.ambiguous_with.iter().map(|own| format!("{}@{}", own.id, own.site)).collect()
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -66,13 +66,7 @@ pub fn fitted(
         return Ok(Written { text: None, told: String::new(), left_out: vec![what.to_owned()] });
     }
     if outcome.verdict == Verdict::Ambiguous {
-        let names = |list: &mut dyn Iterator<Item = String>| list.collect::<Vec<_>>().join(" or ");
-        let found = names(
-            &mut outcome.effects.iter().map(|effect| format!("{}@{}", effect.id, effect.site)),
-        );
-        let rivals = names(
-            &mut outcome.ambiguous_with.iter().map(|named| format!("{}@{}", named.id, named.site)),
-        );
+        let (found, rivals) = (outcome.named().join(" or "), outcome.rivals().join(" or "));
         let what = format!(
             "no rig file: these records cannot distinguish {found} from {rivals}, and each would \
              come with its own parameters"

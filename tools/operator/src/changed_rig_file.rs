@@ -51,14 +51,14 @@ pub fn change_rig_file(rig_name: &RigName, name: &Path, rig: &RigFile) -> Result
     let path = absolute(&keep_copy(&run_dir, name, rig)?)?;
     let mut variables = BTreeMap::from([(RIG.to_owned(), path)]);
     let was = |name: &str| config.environment.get(name).cloned().unwrap_or_default();
-    let simulated = config.units.iter().any(|unit| unit.name == Process::Simulator.text());
+    let simulated = config.has_unit(Process::Simulator.text());
     if simulated && was(MACHINE).is_empty() {
         variables.insert(MACHINE.to_owned(), was(RIG));
     }
     let reading = PROCESSES.iter().map(|entry| entry.process).filter(|own| reads_model(*own));
     let units: Vec<String> = reading
         .map(|process| process.text().to_owned())
-        .filter(|name| config.units.iter().any(|unit| unit.name == *name))
+        .filter(|name| config.has_unit(name))
         .collect();
     let processes = |status: &launch::Status| -> Vec<(launch::UnitState, Option<_>)> {
         let of_unit = |name: &String| status.unit(name).map(|unit| (unit.state, unit.process));
@@ -130,7 +130,7 @@ mod tests {
         for (from, to, part) in [
             ("speed_max_deg_s = 1500.0", "speed_max_deg_s = 1400.0", "axes"),
             ("volts_per_nm = 0.5", "volts_per_nm = 0.4", "axes"),
-            ("unit = \"mV\"", "unit = \"V\"", "channels"),
+            ("name = \"emg_1\"", "name = \"emg_one\"", "channels"),
             ("notch_hz = 50.0", "notch_hz = 60.0", "emg"),
             ("minimum_width_s = 0.0005", "minimum_width_s = 0.001", "scanner"),
             ("name = \"hydrostatic\"", "name = \"other\"", "name"),

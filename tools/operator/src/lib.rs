@@ -35,7 +35,7 @@ pub use down::{Cleaning, Down, down};
 pub use error::{DATA_LOST, DONE, Error, FAILED, USAGE};
 pub use initialise_results::FoundRange;
 pub use link::{RigLink, verb};
-pub use run::{Progress, RunOutcome, resume_protocol, run_protocol, stop_protocol};
+pub use run::{Progress, RunOutcome, check_armed, resume_protocol, run_protocol, stop_protocol};
 pub use saved_rig_file::{rig_of, running};
 pub use session_files::{SessionFiles, Written, sessions_of};
 pub use up::{Up, UpOptions, up, up_in_foreground};

@@ -114,10 +114,7 @@ pub fn run_protocol(
         WatchdogState::Armed => {
             verb(link, Verb::Enable)?;
         }
-        state => {
-            let cause = causes(active_cause(&token), &active_faults(token.faults)).join("; ");
-            return Err(Error::NotArmed { state, cause });
-        }
+        _ => return Err(not_armed(&token)),
     }
     link.logger(&LoggerRequest::Run { metadata: chosen.metadata() })?;
     let found = Ranges::new(link, rig)?;
@@ -139,6 +136,23 @@ pub fn run_protocol(
     accepted(&begun)?;
     let mut following = Following { link, client, tokens, found };
     following.until_the_end(stop, progress)
+}
+
+/// Checks that a person has armed the rig, or that it is enabled already.
+///
+/// # Errors
+/// [`Error::NotArmed`] with the cause, or if the watchdog is silent.
+pub fn check_armed(link: &RigLink) -> Result<(), Error> {
+    let token = Tokens::new(link)?.wait()?;
+    match state_of(&token) {
+        WatchdogState::Armed | WatchdogState::Enabled => Ok(()),
+        _ => Err(not_armed(&token)),
+    }
+}
+
+fn not_armed(token: &EnableToken) -> Error {
+    let cause = causes(active_cause(token), &active_faults(token.faults)).join("; ");
+    Error::NotArmed { state: state_of(token), cause }
 }
 
 /// Goes on with a protocol that was begun by a client that has ended since, a console that was

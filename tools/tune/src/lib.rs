@@ -8,6 +8,7 @@
 pub mod live;
 mod page;
 pub mod proposal;
+mod protocols;
 pub mod recorded;
 mod run;
 pub mod settings;
@@ -17,5 +18,6 @@ pub mod tracking;
 mod tuning;
 
 pub use page::section;
+pub use protocols::Protocols;
 pub use run::{Args, run};
 pub use tuning::{Tuning, TuningSummary};

@@ -63,6 +63,24 @@ pub struct Movement {
     pub error: TrackingError,
 }
 
+impl Movement {
+    /// How the handle followed a protocol in a recording: its last pass.
+    ///
+    /// # Errors
+    /// Where the recording cannot be read, or has no movement that is long enough.
+    pub fn read(file: &Path, protocol: &Protocol) -> anyhow::Result<Self> {
+        let followed = passes(file, protocol.identity(), None)?.pop().unwrap_or_default();
+        let error = followed.error().with_context(|| {
+            format!(
+                "{}: no movement of {} that is long enough to evaluate",
+                file.display(),
+                protocol.name
+            )
+        })?;
+        Ok(Self { recording: file.to_owned(), followed, error })
+    }
+}
+
 /// A rig that is up, and how its progress is shown.
 pub struct Bench<'a> {
     /// Name of the rig.
@@ -78,19 +96,19 @@ pub struct Bench<'a> {
 }
 
 impl Bench<'_> {
-    /// Plays protocols one after another into one recording, which must not exist. The motor must
-    /// have been armed by a person.
+    /// Plays a protocol into a recording, which must not exist. The motor must have been armed by a
+    /// person.
     ///
     /// # Errors
     /// [`Ended`] where a protocol did not run to its end; where the logger records already, or a
     /// process does not answer.
-    pub fn record(&mut self, protocols: &[&Protocol], file: &Path) -> anyhow::Result<()> {
+    pub fn record(&mut self, protocol: &Protocol, file: &Path) -> anyhow::Result<()> {
         self.nobody_holds_the_handle()?;
         let path = std::path::absolute(file).context("make the path absolute")?;
         let text = path.to_str().context("expected a path in UTF-8")?.to_owned();
         let request = LoggerRequest::Start { path: text, metadata: Vec::new() };
         accepted(self.link.logger(&request)?.error)?;
-        let played = protocols.iter().try_for_each(|protocol| self.play(protocol, file));
+        let played = self.play(protocol, file);
         let stopped = self.link.logger(&LoggerRequest::Stop)?;
         played?;
         accepted(stopped.error)?;
@@ -142,22 +160,6 @@ impl Bench<'_> {
         }
         let limit = self.torque_limit;
         if found > limit { Err(Ended::Hand { found, limit }.into()) } else { Ok(()) }
-    }
-
-    /// How the handle followed a protocol in a recording: its last pass.
-    ///
-    /// # Errors
-    /// Where the recording cannot be read, or has no movement that is long enough.
-    pub fn movement(&self, file: &Path, protocol: &Protocol) -> anyhow::Result<Movement> {
-        let followed = passes(file, protocol.identity(), None)?.pop().unwrap_or_default();
-        let error = followed.error().with_context(|| {
-            format!(
-                "{}: no movement of {} that is long enough to evaluate",
-                file.display(),
-                protocol.name
-            )
-        })?;
-        Ok(Movement { recording: file.to_owned(), followed, error })
     }
 
     /// Has the rig go on with another rig file: disarmed before, reset and armed after. Call it

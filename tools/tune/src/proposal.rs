@@ -142,25 +142,21 @@ pub fn propose(
 pub fn best_control(rig: &RigFile, movement: &Protocol) -> Result<BestControl, ProposeError> {
     let machine = Machine { rig, effects: &[] };
     let mut choices: Vec<Choice> = Vec::with_capacity(SETTINGS.len());
+    let mut best: Option<(RigFile, Choice, TrackingError)> = None;
     for setting in SETTINGS {
-        choices.push(best_of(setting, rig.text(), machine, movement, rig.file_name())?);
-    }
-    let mut chosen: Option<(&Choice, TrackingError)> = None;
-    for choice in &choices {
-        let Some(error) = choice.predicted.error() else { continue };
-        if chosen.is_none_or(|(_, least)| error.rms < WORTH * least.rms) {
-            chosen = Some((choice, *error));
+        let (choice, file) = best_of(setting, rig, machine, movement)?;
+        if let (Some(file), Some(error)) = (file, choice.predicted.error().copied())
+            && best.as_ref().is_none_or(|(.., least)| error.rms < WORTH * least.rms)
+        {
+            best = Some((file, choice.clone(), error));
         }
+        choices.push(choice);
     }
-    let Some((chosen, error)) = chosen.map(|(choice, error)| (choice.clone(), error)) else {
+    let Some((rig, chosen, error)) = best else {
         return Err(ProposeError::NoModel("every choice of options is refused".to_owned()));
     };
-    let setting = SETTINGS.iter().find(|setting| setting.name == chosen.name);
-    let text = setting.and_then(|setting| setting.of(rig.text(), 0, chosen.lead_s));
-    let text = text.ok_or_else(|| ProposeError::NoModel("the rig file has no axis".to_owned()))?;
-    let proposed = RigFile::parse(&text, rig.file_name()).map_err(unusable)?;
-    let uncompensated = uncompensated(&proposed, movement, error)?;
-    Ok(BestControl { rig: proposed, chosen, choices, error, uncompensated })
+    let uncompensated = uncompensated(&rig, movement, error)?;
+    Ok(BestControl { rig, chosen, choices, error, uncompensated })
 }
 
 fn unusable(error: FileError) -> ProposeError {
@@ -178,15 +174,10 @@ fn model_text(
     let mut left_out = Vec::new();
     if outcome.verdict == Verdict::Ambiguous {
         outcome.verdict = Verdict::Effect;
-        let rivals: Vec<String> = outcome
-            .ambiguous_with
-            .iter()
-            .map(|named| format!("{}@{}", named.id, named.site))
-            .collect();
         left_out.push(format!(
             "that {} would explain the records as well: the movement that was recorded does not \
              distinguish them",
-            rivals.join(" or ")
+            outcome.rivals().join(" or ")
         ));
     }
     let written = fitted(rig.text(), rig.file_name(), &outcome, provenance)?;
@@ -197,28 +188,28 @@ fn model_text(
     Ok((text, written.told, left_out))
 }
 
-/// The best lead of a choice.
+/// The best lead of a choice, with its rig file unless it is refused.
 fn best_of(
     setting: &Setting,
-    text: &str,
+    rig: &RigFile,
     machine: Machine<'_>,
     movement: &Protocol,
-    file: &str,
-) -> Result<Choice, ProposeError> {
+) -> Result<(Choice, Option<RigFile>), ProposeError> {
     let leads: Vec<Option<f64>> = match setting.leads_s {
         [] => vec![None],
         leads => leads.iter().copied().map(Some).collect(),
     };
-    let mut best: Option<Choice> = None;
+    let mut best: Option<(Choice, Option<RigFile>)> = None;
     for lead_s in leads {
-        let predicted = match setting.of(text, 0, lead_s).map(|text| RigFile::parse(&text, file)) {
-            None => Predicted::Refused("the rig file has no axis".to_owned()),
-            Some(Err(error)) => Predicted::Refused(error.to_string()),
-            Some(Ok(control)) => predict(&control, machine, movement)?,
+        let text = setting.of(rig.text(), 0, lead_s);
+        let (predicted, file) = match text.map(|text| RigFile::parse(&text, rig.file_name())) {
+            None => (Predicted::Refused("the rig file has no axis".to_owned()), None),
+            Some(Err(error)) => (Predicted::Refused(error.to_string()), None),
+            Some(Ok(control)) => (predict(&control, machine, movement)?, Some(control)),
         };
         let rms = |choice: &Predicted| choice.error().map_or(f64::INFINITY, |error| error.rms);
-        if best.as_ref().is_none_or(|best| rms(&predicted) < rms(&best.predicted)) {
-            best = Some(Choice { name: setting.name, lead_s, predicted });
+        if best.as_ref().is_none_or(|(best, _)| rms(&predicted) < rms(&best.predicted)) {
+            best = Some((Choice { name: setting.name, lead_s, predicted }, file));
         }
     }
     best.ok_or_else(|| ProposeError::NoModel("no lead is tried".to_owned()))

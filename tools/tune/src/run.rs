@@ -3,30 +3,28 @@
 use std::io::{IsTerminal as _, Write as _};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use anyhow::{Context as _, bail};
 use identify::study::{StudyOptions, read, study};
 use identify::write_rig::Provenance;
 use indicatif::{ProgressBar, ProgressStyle};
-use ipc_types::{LoggerRequest, TOKEN, Verb, WatchdogState};
+use ipc_types::{LoggerRequest, Process, Verb};
 use operator::RigLink;
 use report::{Page, Tone};
-use rig::protocol::Protocol;
 use rig::{AxisUnit, RigFile};
 use runtime::RigName;
 use serde::Serialize;
 use serde_json::Value;
 
-use crate::live::Bench;
+use crate::live::{Bench, Movement};
 use crate::page::section;
 use crate::proposal::propose;
+use crate::protocols::{self, Protocols};
 use crate::since::{Since, compare_recordings};
 use crate::tracking::TrackingError;
 use crate::tuning::{Tuning, shown};
 
-/// Length of the movement that is evaluated, if none is named (s).
-const MOVEMENT_S: &str = "segments.0.duration_s=12";
 /// Signals that end the tuning.
 const SIGNALS: [i32; 3] =
     [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM, signal_hook::consts::SIGHUP];
@@ -53,7 +51,7 @@ pub struct Args {
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub overrides: Vec<String>,
     /// The movement from which the model is identified
-    #[arg(long, value_name = "FILE|NAME", default_value = "tuning-excitation")]
+    #[arg(long, value_name = "FILE|NAME", default_value = protocols::EXCITATION)]
     pub excitation: PathBuf,
     /// Folder for the results; it must not exist
     #[arg(long, value_name = "DIR", default_value = "farreach-tune")]
@@ -76,27 +74,6 @@ pub struct Args {
     pub json: bool,
 }
 
-/// The protocols of a tuning.
-struct Protocols {
-    movement: Protocol,
-    excitation: Protocol,
-}
-
-impl Protocols {
-    fn load(args: &Args, rig: &RigFile) -> anyhow::Result<Self> {
-        let mut overrides = args.overrides.clone();
-        if args.protocol.is_none() {
-            overrides.insert(0, MOVEMENT_S.to_owned());
-        }
-        let asked = args.protocol.as_deref().unwrap_or(Path::new("guided-1hz"));
-        let movement = rig::load_protocol(asked, &overrides)?;
-        let excitation = rig::load_protocol(&args.excitation, &[])?;
-        movement.check_against(rig)?;
-        excitation.check_against(rig)?;
-        Ok(Self { movement, excitation })
-    }
-}
-
 /// Tunes a rig that is up. Returns the exit code.
 ///
 /// # Errors
@@ -105,7 +82,8 @@ impl Protocols {
 pub fn run(args: &Args, name: &RigName, revision: &str) -> anyhow::Result<i32> {
     let rig = operator::rig_of(name)?;
     check_rig(args, name, &rig)?;
-    let protocols = Protocols::load(args, &rig)?;
+    let protocols =
+        Protocols::load(args.protocol.as_deref(), &args.overrides, &args.excitation, &rig)?;
     let stop = runtime::stop_on(&SIGNALS)?;
     let link = RigLink::open(name)?;
     check_state(&link)?;
@@ -179,12 +157,11 @@ fn tuned(
 
 const RIG_FILE: &str = "rig.toml";
 const BEFORE: &str = "before.mcap";
+const AFTER: &str = "after.mcap";
 const EXCITATION: &str = "excitation.mcap";
 const SUMMARY: &str = "summary.json";
 /// How often the spinner turns.
 const TICK: Duration = Duration::from_millis(120);
-/// Longest silence of the watchdog.
-const TOKEN_LIMIT: Duration = Duration::from_secs(1);
 
 fn spinner() -> ProgressBar {
     let bar = ProgressBar::new_spinner();
@@ -206,10 +183,7 @@ fn check_rig(args: &Args, name: &RigName, rig: &RigFile) -> anyhow::Result<()> {
             rig.model.kind.name()
         );
     }
-    let simulated = operator::running(name)?
-        .units
-        .iter()
-        .any(|unit| unit.name == ipc_types::Process::Simulator.text());
+    let simulated = operator::running(name)?.has_unit(Process::Simulator.text());
     if args.yes && !simulated {
         bail!(
             "--yes: only a simulated rig goes on with another rig file and gets its power back \
@@ -230,26 +204,32 @@ fn check_state(link: &RigLink) -> anyhow::Result<()> {
              one (farreach rec stop) and tune again"
         );
     }
-    let mut tokens = link.subscriber(TOKEN)?;
-    let begun = Instant::now();
-    let token = loop {
-        match tokens.latest()? {
-            Some(token) => break token,
-            None if begun.elapsed() > TOKEN_LIMIT => {
-                bail!("no message from the watchdog for {TOKEN_LIMIT:?}; see `farreach status`")
-            }
-            None => std::thread::sleep(Duration::from_millis(2)),
-        }
-    };
-    match WatchdogState::from_code(token.state) {
-        Some(WatchdogState::Armed | WatchdogState::Enabled) => Ok(()),
-        state => {
-            let state = state.unwrap_or(WatchdogState::Faulted);
-            bail!(
-                "the rig is {state}; a person must reset and arm it (farreach reset, farreach arm)"
-            )
-        }
-    }
+    Ok(operator::check_armed(link)?)
+}
+
+/// Plays and records movement and excitation; returns how the handle followed the one, and the
+/// recording of the other.
+fn recorded(
+    args: &Args,
+    protocols: &Protocols,
+    bench: &mut Bench<'_>,
+) -> anyhow::Result<(Movement, PathBuf)> {
+    let followed = follow(args, protocols, bench, BEFORE)?;
+    let excited = args.out.join(EXCITATION);
+    bench.record(&protocols.excitation, &excited)?;
+    Ok((followed, excited))
+}
+
+/// Plays and records the movement.
+fn follow(
+    args: &Args,
+    protocols: &Protocols,
+    bench: &mut Bench<'_>,
+    file: &str,
+) -> anyhow::Result<Movement> {
+    let file = args.out.join(file);
+    bench.record(&protocols.movement, &file)?;
+    Movement::read(&file, &protocols.movement)
 }
 
 /// A machine of today beside that of an earlier tuning.
@@ -276,11 +256,7 @@ fn compared(
     // Before the rig moves for nothing.
     recording::mcap_read::Recording::open(&then)
         .context("--since: expected the folder of an earlier tuning")?;
-    let file = args.out.join(BEFORE);
-    bench.record(&[&protocols.movement], &file)?;
-    let movement = bench.movement(&file, &protocols.movement)?;
-    let excited = args.out.join(EXCITATION);
-    bench.record(&[&protocols.excitation], &excited)?;
+    let (movement, excited) = recorded(args, protocols, bench)?;
     (bench.progress)("running the model along both excitations");
     let since = compare_recordings(rig, &then, &excited)?;
     let summary = std::fs::read(earlier.join(SUMMARY)).ok();
@@ -303,11 +279,7 @@ fn identified(
     terminal: &Terminal<'_>,
 ) -> anyhow::Result<Tuning> {
     let unit = rig.axes.first().map(|axis| axis.unit).context("an axis")?;
-    let file = args.out.join(BEFORE);
-    bench.record(&[&protocols.movement], &file)?;
-    let before = bench.movement(&file, &protocols.movement)?;
-    let excited = args.out.join(EXCITATION);
-    bench.record(&[&protocols.excitation], &excited)?;
+    let (before, excited) = recorded(args, protocols, bench)?;
     (bench.progress)("identify: what does the declared model lack? Ctrl-C ends it");
     let record = read(&excited, rig)?;
     let options = StudyOptions { limit_s: Some(args.limit_s), ..StudyOptions::default() };
@@ -374,11 +346,9 @@ fn take(
     files::create_new(&path, proposed.text())
         .with_context(|| format!("{}: cannot be written", path.display()))?;
     bench.change_rig_file(&path, proposed)?;
-    let file = args.out.join("after.mcap");
-    bench
-        .record(&[&protocols.movement], &file)
+    let after = follow(args, protocols, bench, AFTER)
         .with_context(|| format!("the rig goes on with {}", path.display()))?;
-    tuning.after = Some(bench.movement(&file, &protocols.movement)?);
+    tuning.after = Some(after);
     Ok(())
 }
 
@@ -391,8 +361,11 @@ fn write_results(args: &Args, tuning: &Tuning) -> anyhow::Result<()> {
         Some(_) => Tone::Warning,
         None => Tone::Neutral,
     };
-    let effects = tuning.effects();
-    let found = if effects.is_empty() { "No effect was found." } else { tuning.sentence.as_str() };
+    let found = if tuning.outcome.effects.is_empty() {
+        "No effect was found."
+    } else {
+        tuning.sentence.as_str()
+    };
     let page = Page::new(format!("farreach tune: {}", tuning.proposal.control.rig.name)).verdict(
         tone,
         &tuning.sentence,

@@ -67,20 +67,13 @@ pub(crate) fn shown(unit: AxisUnit, error: f64) -> String {
 }
 
 impl Tuning {
-    /// Effects found, `ID@SITE`.
-    pub fn effects(&self) -> Vec<String> {
-        let name =
-            |effect: &identify::outcome::FoundEffect| format!("{}@{}", effect.id, effect.site);
-        self.outcome.effects.iter().map(name).collect()
-    }
-
     /// For programs.
     pub fn summary(&self) -> TuningSummary {
         let Proposal { control, before, left_out, .. } = &self.proposal;
         TuningSummary {
             unit: self.unit.symbol(),
             verdict: self.outcome.verdict,
-            effects: self.effects(),
+            effects: self.outcome.named(),
             before: self.before.error,
             before_predicted: *before,
             chosen: control.chosen.clone(),
