@@ -40,6 +40,11 @@
     return Math.abs(value) < 1e-3 || range < 1e-3 ? value.toPrecision(4) : value.toFixed(digits);
   };
 
+  // Dates are seconds since 1970.
+  const shown = (text, value, range) => text.startsWith("dates")
+    ? new Date(1000 * value).toISOString().slice(0, 16).replace("T", " ")
+    : round(value, range);
+
   const prepare = (svg) => {
     const [left, right, top, bottom] = svg.dataset.frame.split(" ").map(Number);
     const x = scale(svg.dataset.x, left, right), y = scale(svg.dataset.y, bottom, top);
@@ -58,7 +63,8 @@
       told.hidden = best === null;
       if (best !== null) {
         const spanX = Math.abs(x(right) - x(left)), spanY = Math.abs(y(top) - y(bottom));
-        told.textContent = `${round(x(best[0]), spanX)}, ${round(y(best[1]), spanY)}`;
+        told.textContent = `${shown(svg.dataset.x, x(best[0]), spanX)}, `
+          + shown(svg.dataset.y, y(best[1]), spanY);
         told.style.borderColor = best[2] || "";
         told.style.left = `${event.pageX + 14}px`;
         told.style.top = `${event.pageY - 30}px`;
