@@ -48,7 +48,8 @@ pub struct Observer {
 /// The section `control.slave`: an outer loop on the slave's position, around the master's loop.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SlaveLoop {
-    /// Largest offset of the master's reference, either way (rad or m).
+    /// Largest offset of the master's reference by windup, ratio and feedback, and again by the
+    /// constant, either way (rad or m).
     pub limit: f64,
     /// Share of the modelled windup of the line that is added to the reference, 0 to 1.
     pub windup_share: f64,
@@ -133,7 +134,11 @@ impl Observer {
 }
 
 const SLAVE_KEYS: Keys = &[
-    ("limit_{deg,m}", "Largest offset of the master's reference; at most half the range."),
+    (
+        "limit_{deg,m}",
+        "Largest offset of the master's reference by windup, ratio and feedback, and again by what \
+         lies constantly between master and slave; at most half the range.",
+    ),
     ("windup_share", "Share of the modelled windup of the line that is added to the reference."),
     ("proportional_gain", "Proportional gain from slave error to reference offset."),
     ("integral_gain_per_s", "Integral gain from slave error to reference offset."),

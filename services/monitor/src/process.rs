@@ -16,6 +16,8 @@ use crate::rig_monitor::{Report, RigMonitor};
 const PERIOD: Duration = Duration::from_millis(40);
 /// Period of the heartbeat.
 const HEARTBEAT: Duration = Duration::from_millis(50);
+/// Nice level: without real-time scheduling the loops go first.
+const NICE: i32 = 10;
 
 /// Why the process ended.
 #[derive(Debug, Error)]
@@ -34,6 +36,7 @@ pub enum MonitorError {
 /// does nothing else.
 pub fn run(rig_name: &str, rig: &RigFile) -> Result<(), MonitorError> {
     let mut service = Service::start(Process::Monitor, rig_name)?;
+    let _refused = rustix::process::nice(NICE);
     let mut monitor = RigMonitor::new(rig);
     let mut ports = Ports {
         samples: service.subscriber(SAMPLE)?,

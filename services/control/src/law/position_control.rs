@@ -90,6 +90,7 @@ impl Axis {
             desired: self.reference,
             position: (sample.slave_present & (1 << index) != 0 && position.is_finite())
                 .then_some(position),
+            master: sample.master_position[index],
             peak_speed,
             speed: law.catch_up_speed().abs(),
             elapsed_s,

@@ -10,13 +10,17 @@
 //! - feed-forward: the windup of the line and the ratio according to the model,
 //!   `r/ρ - r + τ_f(v)/k · sgn(v)`, for the movement `lead_s` ahead;
 //! - proportional feedback of the slave's remaining error, filtered below the resonance;
-//! - adaptation of windup and ratio from the correlation of the error with the sign of the velocity
-//!   and with the position. It corrects a wrong friction or ratio of the model at any speed of
-//!   movement; at rest nothing is integrated, so there is no hunting.
+//! - adaptation of windup, ratio and a constant from the correlation of the error with the sign of
+//!   the velocity, with the position and with 1. The first two correct a wrong friction or ratio of
+//!   the model at any speed of movement, the constant what a leaking line or a constant load has
+//!   shifted. At rest nothing is integrated, so there is no hunting. When power comes the constant
+//!   is what lies between master and slave beyond the windup that friction can hold, so that what
+//!   a line has leaked is not driven back into it at each start.
 //!
-//! The offset fades in within [`ENGAGE_S`] of power on. It is limited, and passes through a
-//! critically damped second-order filter with limited speed, so that the master's reference never
-//! jumps. Without a measured slave position the error counts as 0, and nothing is adapted.
+//! The offset fades in within [`ENGAGE_S`] of power on. The constant and the rest of it are limited
+//! alike, each by itself, and the sum passes through a critically damped second-order filter with
+//! limited speed, so that the master's reference never jumps. Without a measured slave position the
+//! error counts as 0, and nothing is adapted.
 
 use std::f64::consts::TAU;
 
@@ -45,9 +49,10 @@ pub(super) struct SlaveOffset {
     /// Offset of the master's reference.
     offset: Motion,
     filtered_error: f64,
-    /// Adaptation of the windup (rad or m) and of the ratio (1).
+    /// Adaptation of the windup (rad or m) and of the ratio (1), and the constant (rad or m).
     windup: f64,
     ratio: f64,
+    constant: f64,
     /// Fade-in, 0 to 1.
     engaged: f64,
 }
@@ -59,6 +64,8 @@ pub(super) struct Seen {
     pub(super) desired: Motion,
     /// Its measured position (rad or m), if there is one.
     pub(super) position: Option<f64>,
+    /// Measured position of the master (rad or m).
+    pub(super) master: f64,
     /// Peak speed of the movement (rad/s or m/s); 0 without one.
     pub(super) peak_speed: f64,
     /// Speed limit of the offset while the movement is fast (rad/s or m/s).
@@ -88,6 +95,12 @@ impl SlaveOffset {
         let lengthening = 1.0 / model.ratio - 1.0;
 
         let now = soft_sign(desired.velocity, reversal);
+        if self.engaged == 0.0 {
+            let rest = model.windup.level_v(0.0) / model.line_v;
+            let between = seen.position.map_or(0.0, |slave| seen.master - slave / model.ratio);
+            self.constant = bounded(between - bounded(between, rest), settings.limit);
+        }
+
         let learnt = settings.integral_gain * dt * self.filtered_error;
         self.windup = bounded(self.windup + learnt * now, CORRECTION * level);
         let place = desired.position;
@@ -96,29 +109,33 @@ impl SlaveOffset {
         self.ratio =
             bounded(self.ratio + if by_ratio.is_nan() { 0.0 } else { by_ratio }, CORRECTION);
 
+        self.constant = bounded(self.constant + learnt * now.abs(), settings.limit);
+
         let wanted = (lengthening + self.ratio) * ahead.position
             + (level + self.windup) * soft_sign(ahead.velocity, reversal)
             + settings.proportional_gain * self.filtered_error;
+        // The constant has a limit of its own: an offset of which one side is clipped pushes a
+        // leaking line on that side less, and moves it further.
+        let wanted = bounded(wanted, settings.limit) + self.constant;
         // Fades in by a minimum-jerk profile, since the slave may be far from its desired position
         // when power comes.
         self.engaged = (self.engaged + dt / ENGAGE_S).min(1.0);
         let x = self.engaged;
         let wanted = x * x * x * (10.0 - x * (15.0 - 6.0 * x)) * wanted;
         let speed = (FASTEST * seen.speed - desired.velocity.abs()).max(seen.speed);
-        self.shape(wanted, settings.limit, speed, dt)
+        self.shape(wanted, speed, dt)
     }
 
-    /// Filters and limits the offset.
-    fn shape(&mut self, wanted: f64, limit: f64, speed: f64, dt: f64) -> Motion {
+    /// Filters the offset and limits its speed.
+    fn shape(&mut self, wanted: f64, speed: f64, dt: f64) -> Motion {
         if !wanted.is_finite() {
             return Motion::at_rest(f64::NAN);
         }
         let omega = TAU * SHAPING_HZ;
-        let target = within(wanted, limit);
         // Implicit integration: stable for any period.
         let gain = 1.0 / (1.0 + 2.0 * omega * dt + omega * omega * dt * dt);
         let pulled =
-            gain * (self.offset.velocity + omega * omega * dt * (target - self.offset.position));
+            gain * (self.offset.velocity + omega * omega * dt * (wanted - self.offset.position));
         let velocity = within(pulled, speed);
         let acceleration = if dt > 0.0 { (velocity - self.offset.velocity) / dt } else { 0.0 };
         let position = self.offset.position + velocity * dt;

@@ -171,10 +171,10 @@ fn held(behind: Option<f64>, cycles: u64) -> Vec<f64> {
 
 #[test]
 fn at_rest_the_loop_on_the_slave_leads_by_its_gain_and_integrates_nothing() {
-    let references = held(Some(0.1), 5000);
+    let references = held(Some(0.09), 5000);
     assert_eq!(references[0].abs(), references[0].abs().min(1e-3), "begins where the master is");
     let (middle, last) = (references[2500], references[4999]);
-    assert!((middle - 0.03).abs() < 1e-6 && (last - middle).abs() < 1e-9, "{middle} {last}");
+    assert!((middle - 0.027).abs() < 1e-6 && (last - middle).abs() < 1e-9, "{middle} {last}");
     assert!(
         references.windows(2).all(|pair| (pair[1] - pair[0]).abs() <= 2e-3 * 2.0 + 1e-12),
         "no faster than 2 rad/s"
@@ -182,7 +182,50 @@ fn at_rest_the_loop_on_the_slave_leads_by_its_gain_and_integrates_nothing() {
 }
 
 #[test]
+fn what_friction_cannot_hold_between_master_and_slave_at_power_on_stays_between_them() {
+    // 0.9 V hold 0.1125 rad of the line; the ratio of the pistons is 0.854.
+    let leaked = 0.25 / 0.854 - 0.1125;
+    let references = held(Some(0.25), 2500);
+    assert!((references[2499] - leaked - 0.3 * 0.25).abs() < 1e-6, "{}", references[2499]);
+}
+
+#[test]
 fn the_loop_on_the_slave_stays_within_its_limit_and_does_without_the_slave() {
-    assert!(held(Some(50.0), 3000).iter().all(|reference| *reference <= 0.35 + 1e-9));
+    // Twice: the constant has the same limit again.
+    assert!(held(Some(50.0), 3000).iter().all(|reference| *reference <= 0.7 + 1e-9));
     assert!(held(None, 100).iter().all(|reference| *reference == 0.0));
+}
+
+/// Mean error of the slave over the seventh and eighth of eight seconds of 0.5 Hz, where it stands
+/// `shifted` from the master's reference (rad), as a line that has leaked shifts it.
+fn mean_error(integral_gain: f64, shifted: f64) -> f64 {
+    let loop_on_slave = SlaveLoop { integral_gain, windup_share: 0.0, ..slave() };
+    let law = with(ControlOptions { slave: Some(loop_on_slave), ..ControlOptions::default() });
+    let mut law = AxisLaw { model: Some(ReflectedDynamics { ratio: 1.0, ..model() }), ..law };
+    law.control.output_limit_v = 1e3;
+    let mut controller = Law::new(config(law, 500));
+    let (mut sum, mut reference) = (0.0, 0.0);
+    for cycle in 0..4000u64 {
+        let now = SECOND + cycle * SECOND / 500;
+        let mut sample = sample(now, reference);
+        (sample.slave_position[0], sample.slave_present) = (reference + shifted, 1);
+        let aim = sine(now, 0.5);
+        let command =
+            controller.step(now, &sample, Some(&setpoint(now, Mode::Position, aim)), true);
+        reference = command.reference_position[0];
+        if cycle >= 3000 {
+            sum += aim[0] - sample.slave_position[0];
+        }
+    }
+    sum / 1000.0
+}
+
+#[test]
+fn a_constant_offset_of_the_slave_is_integrated_while_it_moves() {
+    let [proportional, integrated] = [0.0, 2.0].map(|gain| mean_error(gain, -0.1));
+    // The proportional part alone leaves 1/1.3 of the offset.
+    assert!((proportional - 0.1 / 1.3).abs() < 5e-3, "{proportional}");
+    assert!(integrated.abs() < 2e-3, "{integrated}");
+    assert!(mean_error(2.0, 0.1).abs() < 2e-3);
+    assert!(mean_error(2.0, -2.0) > 1.2, "no more than its limits");
 }
