@@ -23,6 +23,7 @@ pub mod effects;
 pub mod equation_error;
 pub mod error;
 pub mod estimate_correlation;
+pub mod false_alarm;
 pub mod filter;
 pub mod input;
 pub mod models;

@@ -6,6 +6,7 @@ use serde::Serialize;
 
 use crate::correlation::ResidualTests;
 use crate::estimate_correlation::EstimateCorrelation;
+use crate::false_alarm::FalseAlarm;
 
 /// The verdict.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -119,6 +120,9 @@ pub struct Outcome {
     /// Result of the parametric bootstrap, if `--calibrate` was given.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub calibration: Option<Calibration>,
+    /// Probabilities that the effects named are false alarms, in their order. Transmissions only.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub false_alarms: Vec<FalseAlarm>,
     /// Effects that are visible but not accepted, as too small or not significant, largest gain
     /// first. Always empty for transmissions.
     pub left: Vec<Left>,

@@ -1,8 +1,10 @@
 //! Tables that the pages of all models share, and how numbers are written.
 
+use plant::effects::Site;
 use report::Table;
 
-use crate::outcome::{Left, Outcome};
+use crate::false_alarm::FalseAlarm;
+use crate::outcome::{FoundEffect, Left, Named, Outcome};
 
 /// Listed candidates of each round in the table.
 const MOST_CANDIDATES: usize = 6;
@@ -103,10 +105,37 @@ pub(crate) fn short(value: f64) -> String {
     }
 }
 
+/// How probable it is that a name is a false alarm.
+pub(crate) fn false_alarms(outcome: &Outcome) -> Table {
+    let row = |own: &FalseAlarm| {
+        [
+            format!("{}@{}", own.id, own.site),
+            format!("{:.1}", own.gain_percent),
+            format!("{} of {}", own.as_much, own.replicates),
+            own.p_value(),
+        ]
+    };
+    let header = ["effect", "error falls by / %", "replicates with that gain", "p"];
+    Table::new(header).rows(outcome.false_alarms.iter().map(row))
+}
+
+impl Named {
+    /// The effect of this id at a site.
+    pub(crate) fn new(id: &str, site: Site) -> Self {
+        Self { id: id.to_owned(), site: site.name().to_owned() }
+    }
+}
+
 impl Outcome {
     /// Effects that were added, each as `ID@SITE`.
     pub fn named(&self) -> Vec<String> {
         self.effects.iter().map(|own| format!("{}@{}", own.id, own.site)).collect()
+    }
+
+    /// How probable it is that an effect that was added is a false alarm, where it is known.
+    pub(crate) fn false_alarm(&self, of: &FoundEffect) -> Option<&FalseAlarm> {
+        let is = |own: &&FalseAlarm| (&own.id, &own.site) == (&of.id, &of.site);
+        self.false_alarms.iter().find(is)
     }
 
     /// Effects that the data cannot distinguish from them, likewise.

@@ -28,6 +28,15 @@ pub fn transform(mut rows: Vec<f64>) -> Option<Vec<Complex<f64>>> {
     Some(bins)
 }
 
+/// Returns the rows with this transform, as [`transform`] gives it; `None` if it fails.
+pub fn inverse_transform(mut bins: Vec<Complex<f64>>, samples: usize) -> Option<Vec<f64>> {
+    let plan = PLANNER.with_borrow_mut(|planner| planner.inverse(samples));
+    let mut rows = plan.make_output_vec();
+    plan.process(&mut bins, &mut rows).ok()?;
+    rows.iter_mut().for_each(|row| *row /= samples as f64);
+    Some(rows)
+}
+
 /// The Fourier transform of a signal.
 pub struct Spectrum {
     bins: Vec<Complex<f64>>,

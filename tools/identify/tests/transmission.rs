@@ -8,16 +8,19 @@ use std::sync::{Arc, LazyLock};
 use identify::deadline::{Deadline, NEVER};
 use identify::equation_error::block_roles::Role;
 use identify::prediction_error::candidates::{Candidate, candidates, free_parameters_of};
+use identify::prediction_error::covariance::MODEL_ERROR;
 use identify::prediction_error::dataset::Dataset;
 use identify::prediction_error::floor_comparison::FloorComparison;
 use identify::prediction_error::free_parameter::FreeParameter;
 use identify::prediction_error::noise_floor::{above_floor, errors};
+use identify::prediction_error::null_gains::NullGains;
 use identify::prediction_error::parametric_bootstrap::{
     ServoGains, parametric_bootstrap, simulated_null,
 };
 use identify::prediction_error::record::{Record, rms, share_out};
 use identify::prediction_error::record_features::record_features;
 use identify::prediction_error::refit::fit_base;
+use identify::prediction_error::score_bootstrap::{Replicates, score_bootstrap};
 use identify::prediction_error::search::search;
 use identify::prediction_error::search_result::{SearchResult, Unfinished};
 use identify::prediction_error::selection_round::FittedCandidate;
@@ -97,6 +100,37 @@ fn no_effect_is_found_where_none_is_missing() {
         .unwrap();
     let fitted = found.base.setting.base[torque];
     assert!((fitted / 1.62 - 1.0).abs() < 0.03, "{fitted} N·m/V");
+    // What the best candidate gained is what chance and a small error of the model give.
+    let gain = found.rounds[0][0].gain;
+    let gains = by_chance(&model, &found, 1, &NEVER).unwrap();
+    println!("largest gain {gain:.4}, p = {:.3}", gains.probability(gain));
+    assert!(gains.probability(gain) > 0.05, "{gain}: {:.3}", gains.probability(gain));
+}
+
+/// Gains of 199 linearised replicates of the declared model.
+fn by_chance(
+    model: &TransmissionModel,
+    found: &SearchResult,
+    seed: u64,
+    deadline: &Deadline,
+) -> Option<NullGains> {
+    let [fit, select] =
+        [Role::Fit, Role::Select].map(|role| Dataset::of(model, role).until(deadline));
+    let replicates = Replicates { count: 199, seed, model_error: MODEL_ERROR, over_octaves: false };
+    score_bootstrap((&fit, &select), &found.base, &found.last().setting, replicates)
+}
+
+#[test]
+fn no_linearised_replicate_gains_as_much_as_a_true_effect() {
+    let (model, found) = &*BACKLASH;
+    let gain = found.steps[0].added.gain;
+    let gains = by_chance(model, found, 1, &NEVER).unwrap();
+    assert_eq!((gains.replicates(), gains.as_much(gain)), (199, 0), "{gain}: {gains:?}");
+    // It follows from the seed, not from the number of threads.
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(3).build().unwrap();
+    assert_eq!(pool.install(|| by_chance(model, found, 1, &NEVER)), Some(gains.clone()));
+    assert_ne!(by_chance(model, found, 2, &NEVER), Some(gains));
+    assert_eq!(by_chance(model, found, 1, &Deadline::when(|| true)), None);
 }
 
 #[test]
@@ -282,7 +316,7 @@ fn replicates_that_the_deadline_leaves_out_are_not_counted() {
     let (model, found) = &*BACKLASH;
     let deadline = Deadline::when(|| true);
     let bootstrap = parametric_bootstrap(model, found, DRIVE, 19, 1, &deadline).unwrap();
-    assert_eq!((bootstrap.replicates(), bootstrap.unsearched, bootstrap.alarms), (0, 19, 0));
+    assert_eq!((bootstrap.gains.replicates(), bootstrap.unsearched, bootstrap.alarms), (0, 19, 0));
 }
 
 #[test]
@@ -291,11 +325,11 @@ fn replicates_without_a_missing_effect_raise_no_alarm() {
     let bootstrap = parametric_bootstrap(model, found, DRIVE, 2, 1, &NEVER).unwrap();
     let gain = found.steps[0].added.gain;
     assert_eq!(
-        (bootstrap.replicates(), bootstrap.alarms, bootstrap.as_much(gain)),
+        (bootstrap.gains.replicates(), bootstrap.alarms, bootstrap.gains.as_much(gain)),
         (2, 0, 0),
         "{bootstrap:?}"
     );
-    assert!((bootstrap.probability(gain) - 1.0 / 3.0).abs() < 1e-12);
+    assert!((bootstrap.gains.probability(gain) - 1.0 / 3.0).abs() < 1e-12);
 }
 
 #[test]

@@ -2,9 +2,8 @@
 
 use super::transmission_study::Study;
 use crate::outcome::{Calibration, Named};
-use crate::prediction_error::parametric_bootstrap::{
-    BootstrapResult, ServoGains, parametric_bootstrap,
-};
+use crate::prediction_error::null_gains::NullGains;
+use crate::prediction_error::parametric_bootstrap::{ServoGains, parametric_bootstrap};
 
 /// Level of significance.
 const BY_CHANCE: f64 = 0.05;
@@ -25,20 +24,20 @@ pub(super) fn calibrate(study: &mut Study<'_>, servo: ServoGains, machines: usiz
              machines were not searched and are not counted"
         ));
     }
-    let lost = machines - unsearched - bootstrap.replicates();
+    let lost = machines - unsearched - bootstrap.gains.replicates();
     if lost > 0 {
         study.notes.push(format!(
             "{lost} of {machines} machines for --calibrate could not be simulated along these \
              records and are not counted"
         ));
     }
-    if bootstrap.replicates() == 0 {
+    if bootstrap.gains.replicates() == 0 {
         return;
     }
     let mut calibration = Calibration {
-        machines: bootstrap.replicates(),
+        machines: bootstrap.gains.replicates(),
         alarms: bootstrap.alarms,
-        gains_percent: bootstrap.gains.iter().map(|gain| -100.0 * (-gain).exp_m1()).collect(),
+        gains_percent: bootstrap.gains.0.iter().map(|gain| -100.0 * (-gain).exp_m1()).collect(),
         of: None,
         as_much: None,
         probability: None,
@@ -46,11 +45,10 @@ pub(super) fn calibrate(study: &mut Study<'_>, servo: ServoGains, machines: usiz
     };
     if let Some(step) = study.found.steps.last() {
         let gain = step.added.gain;
-        calibration.of =
-            Some(Named { id: step.added.id.to_owned(), site: step.added.site.name().to_owned() });
-        calibration.as_much = Some(bootstrap.as_much(gain));
-        calibration.probability = Some(bootstrap.probability(gain));
-        calibration.withdrawn = too_often(&bootstrap, gain);
+        calibration.of = Some(Named::new(step.added.id, step.added.site));
+        calibration.as_much = Some(bootstrap.gains.as_much(gain));
+        calibration.probability = Some(bootstrap.gains.probability(gain));
+        calibration.withdrawn = too_often(&bootstrap.gains, gain);
     }
     if calibration.withdrawn && study.found.without_last(&study.model).is_none() {
         calibration.withdrawn = false;
@@ -68,8 +66,8 @@ pub(super) fn calibrate(study: &mut Study<'_>, servo: ServoGains, machines: usiz
 
 /// Few replicates cannot show a small p-value: an effect is withdrawn only if one of them exceeds
 /// its gain.
-fn too_often(bootstrap: &BootstrapResult, gain: f64) -> bool {
-    bootstrap.as_much(gain) > 0 && bootstrap.probability(gain) > BY_CHANCE
+fn too_often(gains: &NullGains, gain: f64) -> bool {
+    gains.as_much(gain) > 0 && gains.probability(gain) > BY_CHANCE
 }
 
 /// The result as a sentence.
@@ -99,7 +97,7 @@ mod tests {
 
     #[test]
     fn an_effect_is_withdrawn_if_replicates_reach_its_gain_not_if_they_are_few() {
-        let of = |gains: Vec<f64>| BootstrapResult { gains, ..BootstrapResult::default() };
+        let of = NullGains;
         // 1 of 39 and the one at hand are 0.05.
         assert!(!too_often(&of([vec![0.0; 38], vec![0.5]].concat()), 0.4));
         assert!(too_often(&of([vec![0.0; 18], vec![0.5]].concat()), 0.4));

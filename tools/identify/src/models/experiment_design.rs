@@ -346,6 +346,7 @@ mod tests {
                 found,
                 notes: Vec::new(),
                 calibration: None,
+                false_alarms: Vec::new(),
                 axis: None,
                 deadline: &NEVER,
             },

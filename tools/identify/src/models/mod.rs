@@ -7,6 +7,7 @@ mod drive;
 mod effect_descriptions;
 mod element;
 mod experiment_design;
+mod false_alarms;
 mod force_balance;
 mod machine_picture;
 mod next_experiment;

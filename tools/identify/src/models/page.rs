@@ -7,7 +7,7 @@ use super::residual_plots::ChannelResidual;
 use super::sentences::sentences;
 use crate::naming::{held, labels};
 use crate::outcome::{ChannelError, Left, Outcome, StepError, UnlistedTable};
-use crate::outcome_tables::{correlations, parameters, ranking, short, what_is_left};
+use crate::outcome_tables::{correlations, false_alarms, parameters, ranking, short, what_is_left};
 
 /// What a kind of model shows beside its outcome.
 pub(super) struct Content<'a> {
@@ -75,20 +75,19 @@ pub(super) fn page(outcome: &Outcome, content: &Content<'_>) -> Page {
              it may be chance.",
         );
     }
-    page = page
-        .heading("Candidates")
-        .paragraph(&content.accepted)
-        .table(
-            ranking(outcome),
-            "The best candidates of each round; all are in the result at the end. Nonparametric \
-             ones are functions of one variable.",
-        )
-        .heading("Parameters")
-        .table(
-            parameters(outcome),
-            "Parameters of the model with its effects, from the fitting rows; ± is one standard \
+    page = page.heading("Candidates").paragraph(&content.accepted).table(
+        ranking(outcome),
+        "The best candidates of each round; all are in the result at the end. Nonparametric ones \
+         are functions of one variable.",
+    );
+    if !outcome.false_alarms.is_empty() {
+        page = page.table(false_alarms(outcome), FALSE_ALARMS);
+    }
+    page = page.heading("Parameters").table(
+        parameters(outcome),
+        "Parameters of the model with its effects, from the fitting rows; ± is one standard \
              deviation, by blocks.",
-        );
+    );
     if !outcome.correlations.is_empty() {
         page = page.table(
             correlations(outcome),
@@ -147,6 +146,12 @@ const PLACES: &str = "The frequency response of master and slave to a torque dep
                       the place explains: the effect acts where little is left. Where every place \
                       leaves much, it acts between master and slave. Motor and master cannot be \
                       distinguished.";
+
+/// Caption of the table of false alarms.
+const FALSE_ALARMS: &str = "How probable it is that a machine without the effect would have been \
+                            given a name with at least its gain. The search is linearised; a \
+                            replicate is what the model with all effects leaves, resampled, and a \
+                            small error of the model.";
 
 /// Errors of each channel.
 fn errors(outcome: &Outcome) -> Table {

@@ -5,8 +5,11 @@ use report::Tone;
 
 use super::bootstrap;
 use super::effect_descriptions::{other_instrument, words};
+use super::false_alarms;
 use crate::effects::find;
-use crate::outcome::{AtBounds, Named, Outcome, UNKNOWN, UnlistedTable, Unsettled, Verdict};
+use crate::outcome::{
+    AtBounds, FoundEffect, Named, Outcome, UNKNOWN, UnlistedTable, Unsettled, Verdict,
+};
 use crate::outcome_tables::short;
 
 /// What is said of an answer that the time limit forced.
@@ -56,6 +59,9 @@ pub(crate) fn sentences(outcome: &Outcome, located: bool) -> (Tone, String, Stri
         }
     }
     detail.push('.');
+    if let Some(sentence) = false_alarms::sentence(&outcome.false_alarms) {
+        detail += &format!(" {sentence}");
+    }
     if let Some(calibration) = &outcome.calibration {
         detail += &format!(" {}", bootstrap::sentence(calibration));
     }
@@ -131,16 +137,31 @@ fn inadequate_early(outcome: &Outcome) -> String {
     )
 }
 
+/// What is said of an effect that chance may have given as large a gain.
+fn not_significant(outcome: &Outcome, effect: &FoundEffect) -> Option<String> {
+    let alarm = outcome.false_alarm(effect).filter(|own| own.is_insignificant())?;
+    Some(format!(" (not significant, {})", alarm.p_value()))
+}
+
 /// The verdict.
 fn verdict(outcome: &Outcome, located: bool) -> (Tone, String) {
     let named = |id: &str, site: &str| match located {
         true => format!("{} {}", words(id), place(site)),
         false => find(id).map_or(id, |effect| effect.words).to_owned(),
     };
-    let own: Vec<String> = outcome.effects.iter().map(|own| named(&own.id, &own.site)).collect();
+    let own: Vec<String> = outcome
+        .effects
+        .iter()
+        .map(|own| named(&own.id, &own.site) + &not_significant(outcome, own).unwrap_or_default())
+        .collect();
     let list = own.join(", and ");
     match outcome.verdict {
-        Verdict::Effect => (Tone::Neutral, format!("The declared model lacks {list}.")),
+        Verdict::Effect => {
+            let doubtful =
+                outcome.effects.iter().any(|own| not_significant(outcome, own).is_some());
+            let tone = if doubtful { Tone::Warning } else { Tone::Neutral };
+            (tone, format!("The declared model lacks {list}."))
+        }
         Verdict::Ambiguous => {
             let is_itself = |rival: &Named| {
                 outcome.effects.iter().any(|own| (&own.id, &own.site) == (&rival.id, &rival.site))
@@ -180,37 +201,40 @@ fn verdict(outcome: &Outcome, located: bool) -> (Tone, String) {
              effect was tried."
                 .to_owned(),
         ),
-        Verdict::Unlisted => {
-            let of = |unlisted: &UnlistedTable| match (unlisted.variable(), located) {
-                (Some(_), true) if let Some(share) = unlisted.regression_share => format!(
-                    "; it acts {} like {}, which explains {:.0} % of the squared error",
-                    place_unlisted(&unlisted.site),
-                    unlisted.resembles.as_deref().unwrap_or(UNKNOWN),
-                    100.0 * share
-                ),
-                (_, true) if let Some(like) = &unlisted.resembles => {
-                    format!("; it acts {} like {like}", place_unlisted(&unlisted.site))
-                }
-                (Some(on), true) => {
-                    format!("; it acts at the {} and depends on {on}", unlisted.site)
-                }
-                (Some(on), false) => match &unlisted.resembles {
-                    Some(like) => format!("; it depends on {on}, {like}"),
-                    None => format!("; it depends on {on}"),
-                },
-                (None, _) if outcome.early => {
-                    format!("; it acts {}", place_unlisted(&unlisted.site))
-                }
-                (None, _) => format!(
-                    "; it acts {}, and no function of one variable explains it",
-                    place_unlisted(&unlisted.site)
-                ),
-            };
-            let of = outcome.unlisted.as_ref().map_or(String::new(), of);
-            let lacks = "The model lacks something that no listed effect explains";
-            (Tone::Warning, format!("{lacks}{of}."))
-        }
+        Verdict::Unlisted => (Tone::Warning, unlisted(outcome, located)),
     }
+}
+
+/// That something without a name is missing, and what is known of it.
+fn unlisted(outcome: &Outcome, located: bool) -> String {
+    let of = |unlisted: &UnlistedTable| match (unlisted.variable(), located) {
+        (Some(_), true) if let Some(share) = unlisted.regression_share => format!(
+            "; it acts {} like {}, which explains {:.0} % of the squared error",
+            place_unlisted(&unlisted.site),
+            unlisted.resembles.as_deref().unwrap_or(UNKNOWN),
+            100.0 * share
+        ),
+        (_, true) if let Some(like) = &unlisted.resembles => {
+            format!("; it acts {} like {like}", place_unlisted(&unlisted.site))
+        }
+        (Some(on), true) => {
+            format!("; it acts at the {} and depends on {on}", unlisted.site)
+        }
+        (Some(on), false) => match &unlisted.resembles {
+            Some(like) => format!("; it depends on {on}, {like}"),
+            None => format!("; it depends on {on}"),
+        },
+        (None, _) if outcome.early => {
+            format!("; it acts {}", place_unlisted(&unlisted.site))
+        }
+        (None, _) => format!(
+            "; it acts {}, and no function of one variable explains it",
+            place_unlisted(&unlisted.site)
+        ),
+    };
+    let of = outcome.unlisted.as_ref().map_or(String::new(), of);
+    let lacks = "The model lacks something that no listed effect explains";
+    format!("{lacks}{of}.")
 }
 
 /// What the records do not settle.

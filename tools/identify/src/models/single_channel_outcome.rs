@@ -89,6 +89,7 @@ fn outcome(study: &Study<'_>, tested: &TestedResidual) -> Outcome {
             blocks: own.blocks,
         }),
         calibration: None,
+        false_alarms: Vec::new(),
         left: left(study),
         error: [(study.channel.to_owned(), error)].into(),
         residual_tests: [(study.channel.to_owned(), tested.tests())].into(),

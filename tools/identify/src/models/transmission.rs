@@ -8,6 +8,7 @@ use report::Page;
 use rig::Model as Declared;
 
 use super::bootstrap::calibrate;
+use super::false_alarms::find_false_alarms;
 use super::transmission_study::Study;
 use super::{
     DeclaredFit, Model, Options, segmentation, transmission_declared_fit, transmission_outcome,
@@ -53,10 +54,19 @@ impl Model for Transmission {
         let deadline = options.deadline;
         let found = search(&mut model, deadline).ok_or_else(|| lost(&model))?;
         let axis = options.axis.map(str::to_owned);
-        let mut study = Study { model, found, notes, calibration: None, axis, deadline };
+        let mut study = Study {
+            model,
+            found,
+            notes,
+            calibration: None,
+            false_alarms: Vec::new(),
+            axis,
+            deadline,
+        };
         if let (1.., Some(capability)) = (options.calibrate, &options.capability) {
             calibrate(&mut study, capability.servo_gains(), options.calibrate, options.seed);
         }
+        find_false_alarms(&mut study, options.seed);
         let capability = options.capability.filter(|_| options.propose);
         transmission_outcome::conclude(&study, capability.as_ref())
             .ok_or_else(|| lost(&study.model))
@@ -75,7 +85,15 @@ impl Model for Transmission {
         let base = fit_declared(&mut model, options.deadline).ok_or_else(|| lost(&model))?;
         let found = SearchResult { base, ..SearchResult::default() };
         let deadline = options.deadline;
-        let study = Study { model, found, notes, calibration: None, axis: None, deadline };
+        let study = Study {
+            model,
+            found,
+            notes,
+            calibration: None,
+            false_alarms: Vec::new(),
+            axis: None,
+            deadline,
+        };
         transmission_declared_fit::conclude(&study).ok_or_else(|| lost(&study.model))
     }
 }

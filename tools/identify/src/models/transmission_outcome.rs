@@ -126,14 +126,12 @@ fn outcome(study: &Study<'_>) -> Option<Outcome> {
         verdict,
         early: false,
         effects: effects(study, &with_deviation),
-        ambiguous_with: rivals
-            .iter()
-            .map(|(id, site)| Named { id: (*id).into(), site: site.name().into() })
-            .collect(),
+        ambiguous_with: rivals.iter().map(|(id, site)| Named::new(id, *site)).collect(),
         remains,
         left: Vec::new(),
         unlisted: unlisted(found, &fit, &with_deviation),
         calibration: study.calibration.clone(),
+        false_alarms: study.false_alarms.clone(),
         at_bounds: AtBounds::of(&parameters, &error),
         correlations: strong(&names, &correlation),
         error,

@@ -67,6 +67,11 @@ impl Candidate {
         });
         Some(shifted)
     }
+
+    /// Limits of the factor by which a linear prediction may scale a starting point.
+    pub(super) const fn factor_limits(&self) -> (f64, f64) {
+        if self.signed { (-3.0, 3.0) } else { (0.0, 2.0) }
+    }
 }
 
 #[cfg(test)]

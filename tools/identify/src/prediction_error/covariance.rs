@@ -38,7 +38,7 @@ const INSENSITIVE: f64 = 1e-6;
 /// Error that an inexact model may leave more with the true parameters than with the estimates.
 /// On simulated records whose friction passes through zero otherwise than the model's, it is 1 to
 /// 2 %; with 3 % the stated deviations hold the truth as often as they should (odd seeds).
-const MODEL_ERROR: f64 = 0.03;
+pub const MODEL_ERROR: f64 = 0.03;
 /// Movement of a normalised declared parameter to each side.
 const WIDE: f64 = 0.25;
 /// Increase of the criterion to which a movement along an eigenvector is to lead.

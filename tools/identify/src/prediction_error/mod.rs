@@ -46,11 +46,14 @@
 //! - [`selection_round`]: one round of the forward selection;
 //! - [`search`]: the stepwise selection, round by round, to a verdict;
 //! - [`search_result`]: its result;
+//! - [`score_bootstrap`]: how probable a gain is by chance, with the search linearised (by
+//!   `linearised_model`) and the noise resampled (`resampled_noise`);
+//! - [`null_gains`]: the gains of replicates, and p-values from them;
 //! - [`parametric_bootstrap`]: how often simulated records without the effect give as large a gain.
 
 pub mod backward_elimination;
 pub mod candidates;
-mod covariance;
+pub mod covariance;
 pub mod dataset;
 pub mod excess_over_floor;
 pub mod fit;
@@ -61,12 +64,14 @@ mod growing_basis;
 mod handle_coupling;
 pub mod identifiability;
 pub mod known_columns;
+mod linearised_model;
 pub mod localisation;
 pub mod location;
 mod motion;
 pub mod noise_floor;
 pub mod nonparametric;
 pub mod nonparametric_search;
+pub mod null_gains;
 pub mod other_axes;
 mod other_first_effects;
 pub mod parametric_bootstrap;
@@ -76,7 +81,9 @@ pub mod record_features;
 pub mod recorded_signals;
 pub mod rectified_torque;
 pub mod refit;
+mod resampled_noise;
 pub mod residual_regression;
+pub mod score_bootstrap;
 pub mod screening;
 pub mod search;
 pub mod search_result;

@@ -4,7 +4,7 @@
 //! sensitivities to the estimated parameters projected out, is compared with the residual: the
 //! score is the share of the squared residual that it would explain. Nothing is fitted here.
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 use plant::effects::search::PHASE;
 use rayon::prelude::*;
 
@@ -37,6 +37,23 @@ pub fn basis(columns: impl Iterator<Item = DVector<f64>>, rows: usize) -> DMatri
     } else {
         DMatrix::from_columns(&columns).qr().q()
     }
+}
+
+/// Decomposes the normal matrix of a least-squares problem, with a ridge against directions that
+/// coincide.
+pub(super) fn solvable(normal: DMatrix<f64>) -> Option<Cholesky<f64, Dyn>> {
+    let count = normal.nrows();
+    let ridge = 1e-9 * normal.trace().max(f64::MIN_POSITIVE);
+    (normal + DMatrix::identity(count, count) * ridge).cholesky()
+}
+
+/// Least-squares factors, each moved to its limits.
+pub(super) fn bounded(
+    normal: &Cholesky<f64, Dyn>,
+    right: &DVector<f64>,
+    (low, high): (f64, f64),
+) -> Vec<f64> {
+    normal.solve(right).iter().map(|factor| factor.clamp(low, high)).collect()
 }
 
 /// A candidate with its best starting point.
@@ -103,10 +120,7 @@ impl Projection {
             count,
             directions.iter().map(|direction| -direction.dot(&self.left)),
         );
-        let ridge = 1e-9 * gram.trace().max(f64::MIN_POSITIVE);
-        let factors = (gram + DMatrix::identity(count, count) * ridge).cholesky()?.solve(&right);
-        let factors: Vec<f64> =
-            factors.iter().map(|factor| factor.clamp(limits.0, limits.1)).collect();
+        let factors = bounded(&solvable(gram)?, &right, limits);
         let share = self.share(directions, &factors);
         Some((factors, share))
     }
@@ -177,8 +191,7 @@ impl Projection {
         if let Some(quadrature) = of.quadrature(start) {
             directions.push(with(&quadrature)?);
         }
-        let limits = if of.signed { (-3.0, 3.0) } else { (0.0, 2.0) };
-        let (factors, share) = self.best(&directions, limits)?;
+        let (factors, share) = self.best(&directions, of.factor_limits())?;
         Some(ScoredCandidate { candidate, placed: scaled(of, start, &factors), share })
     }
 }

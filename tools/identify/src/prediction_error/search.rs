@@ -83,6 +83,17 @@ fn prepare(model: &mut TransmissionModel, deadline: &Deadline) -> Option<()> {
     Some(())
 }
 
+/// The listed effects that the records can reveal beside those of a model.
+pub(super) fn candidates_beside(fit: &Dataset<'_>, now: &Fitted) -> Vec<Candidate> {
+    let is_placed = |candidate: &Candidate| {
+        let placed = now.setting.placed.iter();
+        placed.map(|own| (own.id, own.site)).any(|own| own == (candidate.id, candidate.site))
+    };
+    let mut listed = candidates(&record_features(fit, now));
+    listed.retain(|candidate| !is_placed(candidate));
+    listed
+}
+
 /// State of the selection.
 pub(super) struct Search<'a> {
     pub(super) fit: Dataset<'a>,
@@ -154,15 +165,7 @@ impl<'a> Search<'a> {
             return false;
         }
         let Some(before) = select.residuals(&now.setting) else { return false };
-        let listed: Vec<Candidate> = candidates(&record_features(fit, now))
-            .into_iter()
-            .filter(|candidate| {
-                now.setting
-                    .placed
-                    .iter()
-                    .all(|placed| (placed.id, placed.site) != (candidate.id, candidate.site))
-            })
-            .collect();
+        let listed = candidates_beside(fit, now);
         let round = SelectionRound { fit, select, now, before: &before, candidates: &listed };
         let mut tried = round.run();
         let held = |tried: &FittedCandidate| {

@@ -18,7 +18,7 @@ use super::validation::{LEAST_FIRST, Validation, validate_beside};
 /// Gains within this share of the best count as equal: the fewest parameters win.
 const EQUAL_GAIN_SHARE: f64 = 0.97;
 /// Candidates that are fitted after the screening.
-const REFITTED: usize = 12;
+pub(super) const REFITTED: usize = 12;
 /// Those of them that are fitted to convergence.
 const FINISHED: usize = 3;
 /// Candidates of the first round that are also fitted from the declared values.

@@ -131,8 +131,8 @@ pub fn validate(
     validate_beside(0, named, before, after)
 }
 
-/// Validates an effect that is added beside `effects` others.
-pub fn validate_beside(
+/// Validates an effect by the sum over all frequencies alone.
+pub(super) fn validate_in_sum(
     effects: usize,
     (id, site): (&'static str, Site),
     before: &[Residual],
@@ -183,8 +183,18 @@ pub fn validate_beside(
         && better > worse
         && !harmed;
     let gain = gain.min(total);
-    let in_sum = Validation { id, site, gain, t, better, worse, accepted, over_octaves: false };
-    if accepted {
+    Validation { id, site, gain, t, better, worse, accepted, over_octaves: false }
+}
+
+/// Validates an effect that is added beside `effects` others.
+pub fn validate_beside(
+    effects: usize,
+    named: (&'static str, Site),
+    before: &[Residual],
+    after: &[Residual],
+) -> Validation {
+    let in_sum = validate_in_sum(effects, named, before, after);
+    if in_sum.accepted {
         return in_sum;
     }
     match gain_over_octaves(before, after).filter(|gain| *gain >= least_over_octaves(effects)) {
@@ -198,7 +208,7 @@ pub fn validate_beside(
 /// be four times the noise below 1 Hz and yet hardly show in the sum over all frequencies. `None`
 /// unless most records gain, none deteriorates, and no channel does; of short records
 /// ([`octave_logarithms`]), of a single one, and without the slave's position: its creep is slow.
-fn gain_over_octaves(before: &[Residual], after: &[Residual]) -> Option<f64> {
+pub(super) fn gain_over_octaves(before: &[Residual], after: &[Residual]) -> Option<f64> {
     let fall = |before: &Vec<f64>, after: &Vec<f64>| -> Option<f64> {
         let (before, after) = (octave_logarithms(before)?, octave_logarithms(after)?);
         let falls = before.into_iter().zip(after).map(|(before, after)| 0.5 * (before - after));

@@ -106,6 +106,7 @@ fn outcome(
         remains: false,
         unlisted: None,
         calibration: None,
+        false_alarms: Vec::new(),
         left: Vec::new(),
         error: Default::default(),
         residual_tests: Default::default(),
