@@ -1,12 +1,10 @@
 //! Significance of the last effect by the parametric bootstrap.
 
 use super::transmission_study::Study;
+use crate::false_alarm::SIGNIFICANT;
 use crate::outcome::{Calibration, Named};
 use crate::prediction_error::null_gains::NullGains;
 use crate::prediction_error::parametric_bootstrap::{ServoGains, parametric_bootstrap};
-
-/// Level of significance.
-const BY_CHANCE: f64 = 0.05;
 
 /// Runs the bootstrap with `machines` replicates without the last effect, and withdraws that effect
 /// if it is not significant.
@@ -67,7 +65,7 @@ pub(super) fn calibrate(study: &mut Study<'_>, servo: ServoGains, machines: usiz
 /// Few replicates cannot show a small p-value: an effect is withdrawn only if one of them exceeds
 /// its gain.
 fn too_often(gains: &NullGains, gain: f64) -> bool {
-    gains.as_much(gain) > 0 && gains.probability(gain) > BY_CHANCE
+    gains.as_much(gain) > 0 && gains.probability(gain) > SIGNIFICANT
 }
 
 /// The result as a sentence.
