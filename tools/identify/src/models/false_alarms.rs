@@ -96,14 +96,14 @@ pub(super) fn sentence(false_alarms: &[FalseAlarm]) -> Option<String> {
     };
     let of = |own: &FalseAlarm| format!("{} ({})", words(&own.id), own.site);
     let mut sentence = format!(
-        "Of {} linearised replicates without {}, {} gave a name at least its gain ({})",
+        "Of {} linearised replicates without {}, {} had a candidate with at least its gain ({})",
         first.replicates,
         of(first),
         count(first),
         first.p_value()
     );
     for own in others {
-        sentence += &format!("; without {}, {} did ({})", of(own), count(own), own.p_value());
+        sentence += &format!("; without {}, {} had ({})", of(own), count(own), own.p_value());
     }
     Some(sentence + ".")
 }
@@ -125,8 +125,12 @@ mod tests {
         let two = [of("backlash", 0), of("leakage", 30)];
         let told = sentence(&two).unwrap_or_default();
         assert!(told.starts_with("Of 499 linearised replicates without "), "{told}");
-        assert!(told.contains("(slave), none gave a name at least its gain (p < 0.002); without"));
-        assert!(told.ends_with("30 did (p = 0.062)."), "{told}");
+        assert!(
+            told.contains(
+                "(slave), none had a candidate with at least its gain (p < 0.002); without"
+            )
+        );
+        assert!(told.ends_with("30 had (p = 0.062)."), "{told}");
         assert_eq!(sentence(&[]), None);
     }
 }
