@@ -6,6 +6,7 @@
 mod common;
 
 use std::path::Path;
+use std::process::Stdio;
 use std::time::Duration;
 
 use ipc_types::{Event, EventKind, MODEL_STATE, ModelState, Process, event_topic};
@@ -34,7 +35,9 @@ fn play(rig: &TestRig, meanwhile: impl FnOnce(&TestRig)) -> bool {
     let _disarmed = rig.run(["disarm"]);
     rig.power_up();
     let arguments = ["run", "guided-1hz", "--set", "segments.0.duration_s=45"];
-    let run = rig.farreach(arguments).stdout(std::process::Stdio::piped()).spawn().unwrap();
+    let mut run = rig.farreach(arguments);
+    // A trip is told on stderr.
+    let run = run.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
     meanwhile(rig);
     let output = run.wait_with_output().unwrap();
     let text = told(&output);
