@@ -100,16 +100,14 @@ impl SlaveOffset {
             let between = seen.position.map_or(0.0, |slave| seen.master - slave / model.ratio);
             self.constant = bounded(between - bounded(between, rest), settings.limit);
         }
-
         let learnt = settings.integral_gain * dt * self.filtered_error;
+        self.constant = bounded(self.constant + learnt * now.abs(), settings.limit);
         self.windup = bounded(self.windup + learnt * now, CORRECTION * level);
         let place = desired.position;
         let by_ratio =
             learnt * now.abs() * place / (place * place + settings.limit * settings.limit);
         self.ratio =
             bounded(self.ratio + if by_ratio.is_nan() { 0.0 } else { by_ratio }, CORRECTION);
-
-        self.constant = bounded(self.constant + learnt * now.abs(), settings.limit);
 
         let wanted = (lengthening + self.ratio) * ahead.position
             + (level + self.windup) * soft_sign(ahead.velocity, reversal)

@@ -5,6 +5,7 @@ use crate::false_alarm::SIGNIFICANT;
 use crate::outcome::{Calibration, Named};
 use crate::prediction_error::null_gains::NullGains;
 use crate::prediction_error::parametric_bootstrap::{ServoGains, parametric_bootstrap};
+use crate::prediction_error::validation::gain_percent;
 
 /// Runs the bootstrap with `machines` replicates without the last effect, and withdraws that effect
 /// if it is not significant.
@@ -35,7 +36,7 @@ pub(super) fn calibrate(study: &mut Study<'_>, servo: ServoGains, machines: usiz
     let mut calibration = Calibration {
         machines: bootstrap.gains.replicates(),
         alarms: bootstrap.alarms,
-        gains_percent: bootstrap.gains.0.iter().map(|gain| -100.0 * (-gain).exp_m1()).collect(),
+        gains_percent: bootstrap.gains.0.iter().copied().map(gain_percent).collect(),
         of: None,
         as_much: None,
         probability: None,

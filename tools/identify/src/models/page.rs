@@ -86,7 +86,7 @@ pub(super) fn page(outcome: &Outcome, content: &Content<'_>) -> Page {
     page = page.heading("Parameters").table(
         parameters(outcome),
         "Parameters of the model with its effects, from the fitting rows; ± is one standard \
-             deviation, by blocks.",
+         deviation, by blocks.",
     );
     if !outcome.correlations.is_empty() {
         page = page.table(

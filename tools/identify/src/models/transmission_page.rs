@@ -14,7 +14,7 @@ use crate::prediction_error::dataset::Dataset;
 use crate::prediction_error::record::Record;
 use crate::prediction_error::transmission_model::{Channel, Residual};
 use crate::prediction_error::validation::{
-    LEAST_T, LEAST_T_FIRST, least_beside, least_over_octaves,
+    LEAST_T, LEAST_T_FIRST, gain_percent, least_beside, least_over_octaves,
 };
 
 /// Slower motion counts as rest; a reversal is the next faster motion in the other direction
@@ -56,12 +56,12 @@ pub(super) fn page(
          over all frequencies is added when the errors in eight octaves of frequency, averaged, \
          fall by {:.0} % (beside one by {:.0} %, beside two by {:.0} %), in most records, and get \
          worse in none.",
-        percent(least_beside(0)),
-        percent(least_beside(1)),
-        percent(least_beside(2)),
-        percent(least_over_octaves(0)),
-        percent(least_over_octaves(1)),
-        percent(least_over_octaves(2))
+        gain_percent(least_beside(0)),
+        gain_percent(least_beside(1)),
+        gain_percent(least_beside(2)),
+        gain_percent(least_over_octaves(0)),
+        gain_percent(least_over_octaves(1)),
+        gain_percent(least_over_octaves(2))
     );
     let content = Content {
         declared: "transmission",
@@ -82,11 +82,6 @@ pub(super) fn page(
             .to_owned(),
     };
     Some(whole_page(outcome, &content))
-}
-
-/// Decrease of an error in percent, from that of its logarithm.
-fn percent(gain: f64) -> f64 {
-    -100.0 * (-gain).exp_m1()
 }
 
 /// The measured movement of a record, and its innovations.

@@ -160,6 +160,11 @@ impl FreeParameter {
         (2.0 * scale(self.value(setting)) - low - high) / (high - low)
     }
 
+    /// Whether the value is off its bounds: at one of them a parameter cannot explain more.
+    pub(super) fn is_inside(&self, model: &TransmissionModel, setting: &Setting) -> bool {
+        self.normalised(model, setting).abs() < AT_BOUND
+    }
+
     /// Returns the value at a normalised position.
     fn value_at(&self, model: &TransmissionModel, place: f64) -> f64 {
         let (low, high, logarithmic) = self.range(model);

@@ -4,7 +4,7 @@
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
 use super::dataset::{Dataset, Fitted};
-use super::free_parameter::{AT_BOUND, FreeParameter};
+use super::free_parameter::FreeParameter;
 use super::resampled_noise::ResampledNoise;
 use super::screening::{bounded, solvable};
 
@@ -30,27 +30,21 @@ pub(super) struct LinearFits {
 }
 
 impl LinearisedModel {
-    /// Linearises a fitted model; `weights` are those of the fitting records' residuals. `None` if
-    /// it cannot be simulated.
+    /// Linearises a fitted model, which is also `selected` on the selecting records; `weights` are
+    /// those of the fitting and of the selecting records' residuals. `None` if it has no solution.
     pub(super) fn at(
         (fit, select): (&Dataset<'_>, &Dataset<'_>),
-        fitted: &Fitted,
-        weights: &[Vec<f64>],
+        (fitted, selected): (&Fitted, &Fitted),
+        weights: [&[Vec<f64>]; 2],
     ) -> Option<Self> {
-        // A parameter at its bound cannot explain more.
-        let inside = |parameter: &&FreeParameter| {
-            parameter.normalised(fit.model, &fitted.setting).abs() < AT_BOUND
-        };
+        let inside = |own: &&FreeParameter| own.is_inside(fit.model, &fitted.setting);
         let parameters: Vec<FreeParameter> =
             fitted.parameters.iter().filter(inside).cloned().collect();
         let prior = parameters.iter().map(|own| fit.off_slope(own, &fitted.setting));
-        let selected = select.evaluate(fitted.setting.clone())?;
-        let equal: Vec<Vec<f64>> =
-            selected.residuals.iter().map(|own| vec![1.0; own.channels.len()]).collect();
         Self::new(
-            fit.jacobian(fitted, &parameters, weights),
+            fit.jacobian(fitted, &parameters, weights[0]),
             &DVector::from_iterator(parameters.len(), prior),
-            select.jacobian(&selected, &parameters, &equal),
+            select.jacobian(selected, &parameters, weights[1]),
         )
     }
 

@@ -62,14 +62,16 @@ pub fn score_bootstrap(
     let [of_fit, of_select] = noise;
     let (of_fit, of_select) = (of_fit?, of_select?);
     let weights = of_fit.weights();
-    let model = LinearisedModel::at((fit, select), null, &weights)?;
-    let selected = select.residuals(&null.setting)?;
-    let equal = selected.iter().map(|own| vec![1.0; own.channels.len()]).collect();
+    let selected = select.evaluate(null.setting.clone())?;
+    let equal: Vec<Vec<f64>> =
+        selected.residuals.iter().map(|own| vec![1.0; own.channels.len()]).collect();
+    let model =
+        LinearisedModel::at((fit, select), (null, &selected), [weights.as_slice(), &equal])?;
     let mut search = LinearisedSearch {
         model,
         starts: starts_of(&candidates, null),
         fit: Records::new(fit, &null.residuals, weights, of_fit),
-        select: Records::new(select, &selected, equal, of_select),
+        select: Records::new(select, &selected.residuals, equal, of_select),
         beside: null.setting.placed.len(),
     };
     search.add_model_errors(replicates, generator);
@@ -150,20 +152,19 @@ impl LinearisedSearch<'_> {
         let one_of_each: Vec<&Setting> = of_candidates
             .filter_map(|own| own[generator.random_range(0..own.len())].settings.first())
             .collect();
-        let errors: Vec<(DVector<f64>, DVector<f64>)> = one_of_each
-            .into_par_iter()
-            .filter_map(|setting| Some((self.fit.change(setting)?, self.select.change(setting)?)))
-            .filter(|(own, _)| self.model.left_of(own) > LEAST_LEFT * own.norm_squared())
-            .collect();
+        let error = |setting| {
+            let (of_fit, of_select) = (self.fit.change(setting)?, self.select.change(setting)?);
+            let left = self.model.left_of(&of_fit);
+            // A share η of the rms is 2η of the sum of squares, which is the number of rows.
+            let size = (2.0 * of_fit.len() as f64 / left).sqrt();
+            (left > LEAST_LEFT * of_fit.norm_squared()).then_some((size, (of_fit, of_select)))
+        };
+        let errors: Vec<_> = one_of_each.into_par_iter().filter_map(error).collect();
         if errors.is_empty() {
             return;
         }
-        let (of_fit, of_select): (Vec<_>, Vec<_>) = errors.into_iter().unzip();
-        // A share η of the rms is 2η of the sum of squares, which is the number of rows.
-        let sizes: Vec<f64> = of_fit
-            .iter()
-            .map(|change| (2.0 * change.len() as f64 / self.model.left_of(change)).sqrt())
-            .collect();
+        let (sizes, changes): (Vec<f64>, Vec<_>) = errors.into_iter().unzip();
+        let (of_fit, of_select): (Vec<_>, Vec<_>) = changes.into_iter().unzip();
         let draw = |_| {
             let error = generator.random_range(0..sizes.len());
             let share: f64 = replicates.model_error * generator.random::<f64>();

@@ -10,7 +10,6 @@ use rayon::prelude::*;
 
 use super::candidates::Candidate;
 use super::dataset::{Dataset, Fitted};
-use super::free_parameter::{AT_BOUND, FreeParameter};
 use super::known_columns::KnownColumns;
 use super::transmission_model::{PlacedEffect, Residual, Setting};
 
@@ -73,14 +72,10 @@ impl Projection {
         let parameters = &fitted.parameters;
         let known = KnownColumns::at(dataset, fitted, parameters);
         let here = Dataset::stack(&fitted.residuals, &known.weights);
-        // A parameter at its bound cannot explain more.
-        let inside = |parameter: &FreeParameter| {
-            parameter.normalised(dataset.model, &fitted.setting).abs() < AT_BOUND
-        };
         let columns = parameters
             .iter()
             .zip(known.jacobian.column_iter())
-            .filter(|(parameter, _)| inside(parameter));
+            .filter(|(parameter, _)| parameter.is_inside(dataset.model, &fitted.setting));
         let basis = basis(columns.map(|(_, column)| column.into_owned()), here.len());
         let left = &here - &basis * (basis.transpose() * &here);
         Self { columns: known, here, basis, left }

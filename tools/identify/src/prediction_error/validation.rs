@@ -84,8 +84,13 @@ impl Validation {
 
     /// Returns the gain in percent of the error.
     pub fn gain_percent(&self) -> f64 {
-        -100.0 * (-self.gain).exp_m1()
+        gain_percent(self.gain)
     }
+}
+
+/// Decrease of an error in percent, from that of its logarithm.
+pub fn gain_percent(gain: f64) -> f64 {
+    -100.0 * (-gain).exp_m1()
 }
 
 /// Decrease of the logarithm of the error, by record, channel and block.
