@@ -4,7 +4,10 @@
 use serde::Serialize;
 
 use crate::message::Message as _;
-use crate::{AXES, Event, EventKind, MODEL_DEPARTURE_SUM, ModelSite, ModelState, MonitorState};
+use crate::{
+    AXES, Event, EventKind, MODEL_DEPARTURE_SCORE, MODEL_DEPARTURE_SUM, ModelSite, ModelState,
+    MonitorState,
+};
 
 /// A state that is older than this says nothing of the present: the monitor publishes each axis
 /// once a second while samples come (ns).
@@ -23,6 +26,9 @@ pub struct ModelStatus {
     pub ratios: Option<[f64; 2]>,
     /// Cumulative sum; above 2.5 the machine has departed. `null` while the baseline is learnt.
     pub sum: Option<f64>,
+    /// Score of the listed changes; above 5 the machine has departed, too. `null` while the
+    /// baseline is learnt, and where nothing is scored.
+    pub score: Option<f64>,
     /// Where the machine departed; `null` where it did not.
     pub site: Option<ModelSite>,
     /// What explains most of the departure, or why the axis is not monitored, in words.
@@ -54,6 +60,7 @@ impl ModelStatus {
             learnt: state.learnt,
             ratios: is_learnt.then_some([state.master_ratio, state.slave_ratio]),
             sum: is_learnt.then_some(state.cusum),
+            score: Some(state.score).filter(|score| is_learnt && *score > 0.0),
             site: site.filter(|site| *site != ModelSite::None),
             origin: departure.filter(|_| departed).map(|event| event.text().to_owned()),
             since_s: rate_hz.filter(|_| departed).map(|rate_hz| ticks / rate_hz),
@@ -69,6 +76,7 @@ impl ModelStatus {
             learnt: 0.0,
             ratios: None,
             sum: None,
+            score: None,
             site: None,
             origin: Some(event.text().to_owned()),
             since_s: None,
@@ -96,9 +104,12 @@ impl ModelStatus {
         let numbers = || {
             let [master, slave] = self.ratios.unwrap_or_default();
             let sum = self.sum.unwrap_or_default();
+            let score = self.score.map_or_else(String::new, |score| {
+                format!(", score {score:.1} of {MODEL_DEPARTURE_SCORE}")
+            });
             format!(
                 "innovation of master and slave {master:.1} and {slave:.1} times the usual, sum \
-                 {sum:.1} of {MODEL_DEPARTURE_SUM}"
+                 {sum:.1} of {MODEL_DEPARTURE_SUM}{score}"
             )
         };
         let mut text = format!("axis {axis}: {}", self.word());
@@ -183,6 +194,7 @@ mod tests {
             master_ratio: 1.5,
             slave_ratio: 8.0,
             cusum: 4.25,
+            score: 6.5,
             state: MonitorState::Departed.code(),
             site: ModelSite::Slave.code(),
             ..ModelState::default()
@@ -210,14 +222,17 @@ mod tests {
             status.sentence(),
             "axis 0: DEPARTED 2 s ago at the slave: handle: as backlash@slave=0.050 rad, which \
              explains 92 % of it (innovation of master and slave 1.5 and 8.0 times the usual, sum \
-             4.2 of 2.5)"
+             4.2 of 2.5, score 6.5 of 5)"
         );
         // One that is over is not told any more.
         let over = of(ModelState { state: MonitorState::Steady.code(), ..departed() }, 0);
         assert_eq!((over.site, over.origin.as_ref(), over.since_s), (None, None, None));
         let agrees = "axis 0: agrees; innovation of master and slave 1.5 and 8.0 times the usual, \
-                      sum 4.2 of 2.5";
+                      sum 4.2 of 2.5, score 6.5 of 5";
         assert_eq!(over.sentence(), agrees);
+        let unscored = of(ModelState { score: 0.0, ..departed() }, 0);
+        assert_eq!(unscored.score, None);
+        assert!(unscored.sentence().ends_with("sum 4.2 of 2.5)"), "{}", unscored.sentence());
     }
 
     #[test]

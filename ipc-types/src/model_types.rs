@@ -4,6 +4,8 @@ use crate::message::messages;
 
 /// Cumulative sum ([`ModelState::cusum`]) above which the machine has departed from the model.
 pub const MODEL_DEPARTURE_SUM: f64 = 2.5;
+/// Score of the listed changes ([`ModelState::score`]) above which it has departed, too.
+pub const MODEL_DEPARTURE_SCORE: f64 = 5.0;
 
 messages! {
     /// Measured less modelled positions of the model beside the machine: 250 Hz an axis while
@@ -27,7 +29,7 @@ messages! {
 
     /// Whether the machine is as the model beside it: after each half second in which the axis
     /// moved, and once a second.
-    ModelState v1 {
+    ModelState v2 {
         /// tick of the newest sample
         tick: u64,
         /// that of the departure's first half second; 0 where there is none
@@ -41,6 +43,9 @@ messages! {
         slave_ratio: f64,
         /// the larger cumulative sum of the two; above 2.5 the machine has departed
         cusum: f64,
+        /// how much the newest four seconds of movement look like one of the listed changes; above
+        /// 5 the machine has departed; 0 where nothing is scored
+        score: f64,
         /// share of the baseline that is learnt, 0 to 1
         learnt: f64,
         /// largest deviation of a declared parameter, in tolerances

@@ -2,7 +2,7 @@
 //! cumulative sum, which notices whatever it is; and the score of the listed changes
 //! ([`crate::score`]), which notices those when they are smaller.
 
-use ipc_types::MODEL_DEPARTURE_SUM;
+use ipc_types::{MODEL_DEPARTURE_SCORE, MODEL_DEPARTURE_SUM};
 
 use crate::bank::CHANNELS;
 use crate::score::Score;
@@ -14,8 +14,6 @@ const SLACK: f64 = 0.9;
 const SPREADS: f64 = 2.5;
 /// Most that one block adds: it alone is no departure.
 const MOST: f64 = 1.5;
-/// The machine has departed when the sum exceeds [`MODEL_DEPARTURE_SUM`], or a score this.
-const SHOWN: f64 = 5.0;
 /// It has come back after so many blocks in a row within the slack.
 const BACK: u32 = 20;
 
@@ -98,7 +96,8 @@ impl Detector {
         baseline: &Baseline,
     ) -> Verdict {
         // What was noticed is there until it shows half as much.
-        let shown = score.ratio > if self.departed { 0.5 * SHOWN } else { SHOWN };
+        let least = if self.departed { 0.5 } else { 1.0 } * MODEL_DEPARTURE_SCORE;
+        let shown = score.ratio > least;
         let mut beyond = shown;
         for (channel, energy) in energy.into_iter().enumerate() {
             let usual = baseline.deviation_rad[channel].powi(2) + expected[channel];
@@ -185,7 +184,7 @@ mod tests {
     #[test]
     fn what_shows_is_a_departure_though_its_energy_is_usual() {
         let mut detector = Detector::default();
-        let shown = Score { ratio: 1.1 * SHOWN, blocks: 6 };
+        let shown = Score { ratio: 1.1 * MODEL_DEPARTURE_SCORE, blocks: 6 };
         assert_eq!(detector.take(energy(1.0, 1.0), NOTHING, NONE, &USUAL), Verdict::Steady);
         assert_eq!(detector.take(energy(1.0, 1.0), NOTHING, shown, &USUAL), Verdict::Departs);
         assert_eq!(detector.blocks(), 6);

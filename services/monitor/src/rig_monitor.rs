@@ -197,6 +197,7 @@ impl Watched {
             master_ratio: ratio(0),
             slave_ratio: ratio(1),
             cusum: monitor.detector().sums().into_iter().fold(0.0, f64::max),
+            score: monitor.score().ratio,
             learnt: monitor.learnt(),
             deviation: monitor.parameters().map(|(_, share)| share.abs()).fold(0.0, f64::max),
             size: of(|origin| origin.size),

@@ -130,13 +130,17 @@ pub enum Command {
     /// it, and whether the rows are those that were published live, to the last bit. Exit code 3
     /// where they are not.
     ///
-    /// Example: farreach rec innovations S07.mcap -o innovations.csv
+    /// Example: farreach rec innovations S07.mcap --page S07-model.html
     Innovations {
         /// The recording.
         file: PathBuf,
         /// Writes the innovations as CSV; the file must not exist.
         #[arg(short, long, value_name = "CSV")]
         out: Option<PathBuf>,
+        /// Writes a page with figures: innovations over time, position and velocity, sum and score,
+        /// what happened, what to do next; the file must not exist.
+        #[arg(long, value_name = "HTML")]
+        page: Option<PathBuf>,
         /// As JSON.
         #[arg(long)]
         json: bool,

@@ -5,7 +5,7 @@ use std::io::Write;
 use std::path::Path;
 
 use anyhow::Context;
-use ipc_types::{INNOVATION, Innovation, SAMPLE, Sample};
+use ipc_types::{INNOVATION, Innovation, NewestModel, SAMPLE, Sample};
 use monitor::{Report, RigMonitor};
 use recording::mcap_read::Recording;
 use recording::mcap_write::key;
@@ -13,6 +13,7 @@ use rig::RigFile;
 use serde::Serialize;
 
 use crate::all_parts::AllParts;
+use crate::innovations_page::{Course, RowSeen, page};
 use crate::inspect::grouped;
 use crate::monitored::{Happened, Sites};
 use crate::output::{none_exists, write_new};
@@ -31,7 +32,7 @@ struct Stretch {
 
 /// What the samples show, as `rec innovations --json` prints it.
 #[derive(Debug, Serialize)]
-struct Replay {
+struct Replay<'a> {
     /// Rows of innovations, of all axes.
     rows: u64,
     /// Rows that were published live; 0 where no monitor ran.
@@ -39,25 +40,38 @@ struct Replay {
     /// Those of them that are the same to the last bit.
     same: u64,
     /// What happened, at the times of the samples.
-    events: Vec<Happened>,
+    events: &'a [Happened],
+}
+
+/// What else is written.
+pub(crate) struct Files<'a> {
+    /// The rows as CSV.
+    pub(crate) table: Option<&'a Path>,
+    /// The page.
+    pub(crate) page: Option<&'a Path>,
 }
 
 pub(crate) fn innovations(
     file: &Path,
-    table: Option<&Path>,
+    files: &Files<'_>,
     json: bool,
     out: &mut dyn Write,
 ) -> anyhow::Result<i32> {
     let recording = AllParts::open(file)?;
-    none_exists(&table.into_iter().collect::<Vec<_>>())?;
+    none_exists(&files.table.into_iter().chain(files.page).collect::<Vec<_>>())?;
     let text = recording.metadata(key::RIG_FILE).with_context(|| {
         format!("{}: the recording has no rig file, and so no model", file.display())
     })?;
     let rig = RigFile::parse(text, "rig file of the recording")?;
     let live = live_rows(&recording)?;
-    let (replay, rows) = replay(&recording, &rig, &live)?;
-    if let Some(path) = table {
-        write_new(path, as_csv(&rows)?)?;
+    let course = replay(&recording, &rig, &live)?;
+    let replay = Replay::new(&course, &live);
+    if let Some(path) = files.table {
+        write_new(path, as_csv(&course.rows)?)?;
+    }
+    if let Some(path) = files.page {
+        let subtitle = subtitle(file, &rig, &replay);
+        write_new(path, page(&course, &subtitle).render()?)?;
     }
     let code = if replay.same == replay.live { DONE } else { DATA_LOST };
     if json {
@@ -69,7 +83,7 @@ pub(crate) fn innovations(
         let (same, live) = (grouped(replay.same), grouped(replay.live));
         writeln!(out, "  {same} of {live} that were published live are the same to the last bit")?;
     }
-    for event in &replay.events {
+    for event in replay.events {
         writeln!(out, "  {}", event.line())?;
     }
     Ok(code)
@@ -103,16 +117,13 @@ fn stretches(live: &[Innovation]) -> Vec<Stretch> {
 
 /// Runs the monitor along the samples: along all of them where none ran, else along those that each
 /// monitor took.
-fn replay(
-    recording: &Recording,
-    rig: &RigFile,
-    live: &[Innovation],
-) -> anyhow::Result<(Replay, Vec<Innovation>)> {
+fn replay(recording: &Recording, rig: &RigFile, live: &[Innovation]) -> anyhow::Result<Course> {
     let whole = Stretch { incarnation: 0, began: 0, last: u64::MAX - OF_A_ROW };
     let stretches = if live.is_empty() { vec![whole] } else { stretches(live) };
     let began_ns = recording.began_monotonic_ns();
     let mut monitor = RigMonitor::new(rig);
-    let (mut rows, mut events, mut sites) = (Vec::new(), Vec::new(), Sites::default());
+    let (mut course, mut newest, mut sites) =
+        (Course::default(), NewestModel::default(), Sites::default());
     let mut at = 0;
     for message in recording.messages::<Sample>(SAMPLE.topic.name)? {
         let sample = message?.message;
@@ -131,30 +142,63 @@ fn replay(
         let t_s = (sample.scan_time_ns as f64 - began_ns as f64) * 1e-9;
         monitor.see(&sample, &mut |report| -> anyhow::Result<()> {
             match report {
-                Report::Innovation(row) => rows.push(row),
-                Report::Event(event) => events.push(Happened::new(&event, t_s, &sites)),
-                Report::State(state) => sites.see(&state),
+                Report::Innovation(row) => {
+                    let position = sample.master_position.get(usize::from(row.axis)).copied();
+                    let position_rad = position.unwrap_or(f64::NAN);
+                    course.rows.push(RowSeen { t_s, position_rad, row });
+                }
+                Report::Event(event) => {
+                    newest.see_event(&event);
+                    course.events.push(Happened::new(&event, t_s, &sites));
+                }
+                Report::State(state) => {
+                    sites.see(&state);
+                    newest.see_state(&state);
+                    course.states.push((t_s, state));
+                }
             }
             Ok(())
         })?;
     }
-    let again: BTreeMap<(u64, u8), [u64; 2]> = rows
-        .iter()
-        .map(|row| ((row.tick, row.axis), [row.master.to_bits(), row.slave.to_bits()]))
-        .collect();
-    let is_same = |row: &&Innovation| {
-        again.get(&(row.tick, row.axis)) == Some(&[row.master.to_bits(), row.slave.to_bits()])
+    // Replayed states have no time of publication, and no age.
+    course.last = newest.status(Some(rig.rates.acquisition_hz.into()), 0);
+    Ok(course)
+}
+
+impl<'a> Replay<'a> {
+    fn new(course: &'a Course, live: &[Innovation]) -> Self {
+        let again: BTreeMap<(u64, u8), [u64; 2]> = course
+            .rows
+            .iter()
+            .map(|RowSeen { row, .. }| {
+                ((row.tick, row.axis), [row.master.to_bits(), row.slave.to_bits()])
+            })
+            .collect();
+        let is_same = |row: &&Innovation| {
+            again.get(&(row.tick, row.axis)) == Some(&[row.master.to_bits(), row.slave.to_bits()])
+        };
+        let same = live.iter().filter(is_same).count() as u64;
+        let rows = course.rows.len() as u64;
+        Self { rows, live: live.len() as u64, same, events: &course.events }
+    }
+}
+
+/// What the page is of.
+fn subtitle(file: &Path, rig: &RigFile, replay: &Replay<'_>) -> String {
+    let name = file.file_name().unwrap_or(file.as_os_str()).to_string_lossy();
+    let compared = match (replay.live, replay.same == replay.live) {
+        (0, _) => "",
+        (_, true) => ", the same live and from the recording to the last bit",
+        (_, false) => ", of which some differ from those that were published live",
     };
-    let same = live.iter().filter(is_same).count() as u64;
-    let replay = Replay { rows: rows.len() as u64, live: live.len() as u64, same, events };
-    Ok((replay, rows))
+    format!("{name}, rig {}: {} rows of innovations{compared}.", rig.name, grouped(replay.rows))
 }
 
 /// The rows as CSV.
-fn as_csv(rows: &[Innovation]) -> anyhow::Result<Vec<u8>> {
+fn as_csv(rows: &[RowSeen]) -> anyhow::Result<Vec<u8>> {
     let mut table = csv::Writer::from_writer(Vec::new());
     table.write_record(["tick", "axis", "master_rad", "slave_rad"])?;
-    for row in rows {
+    for RowSeen { row, .. } in rows {
         let slave = if row.slave_present == 0 { String::new() } else { row.slave.to_string() };
         let fields = [row.tick.to_string(), row.axis.to_string(), row.master.to_string(), slave];
         table.write_record(fields)?;

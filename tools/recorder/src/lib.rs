@@ -56,6 +56,7 @@ mod edit;
 mod ended_sessions;
 mod export;
 mod innovations;
+mod innovations_page;
 mod inspect;
 mod mat;
 mod mat_file;
@@ -122,8 +123,9 @@ pub fn run_to(command: &Command, output: &mut dyn Write) -> anyhow::Result<i32> 
             let files = volumes::Files { table: table.as_deref(), figure: figure.as_deref() };
             volumes::volumes(file, series, &files, *json, out)
         }
-        Command::Innovations { file, out: table, json } => {
-            innovations::innovations(file, table.as_deref(), *json, out)
+        Command::Innovations { file, out: table, page, json } => {
+            let files = innovations::Files { table: table.as_deref(), page: page.as_deref() };
+            innovations::innovations(file, &files, *json, out)
         }
         Command::Sessions { file, out: table, figure, json } => {
             sessions::sessions(file, table.as_deref(), figure.as_deref(), *json, out)

@@ -4,6 +4,7 @@ use ipc_types::{
     AXES, Event, EventKind, MODEL_STATE, ModelSite, ModelState, NewestModel, Process, event_topic,
 };
 use recording::mcap_read::Recording;
+use report::Colour;
 use serde::Serialize;
 
 /// An event of the monitor.
@@ -47,6 +48,29 @@ impl Happened {
             site: sites.0.get(axis).copied().flatten().filter(|_| departed),
             text: event.text().to_owned(),
         }
+    }
+
+    /// Whether the machine departed from its model.
+    pub(crate) fn is_departure(&self) -> bool {
+        self.event == EventKind::ModelDeparted.text()
+    }
+
+    /// When it happened (s) and the colour of its mark, on the figures of that axis.
+    pub(crate) fn mark(&self, axis: usize) -> Option<(f64, Colour)> {
+        let marks = [
+            (EventKind::BaselineLearnt, Colour::Grey),
+            (EventKind::ModelDeparted, Colour::Orange),
+            (EventKind::ModelReturned, Colour::Green),
+        ];
+        let own = marks.into_iter().find(|(kind, _)| self.event == kind.text());
+        own.filter(|_| self.axis == axis).map(|(_, colour)| (self.t_s, colour))
+    }
+
+    /// Time (s), axis, event, place, and more of it: a row of a table.
+    pub(crate) fn cells(&self) -> [String; 5] {
+        let Self { t_s, event, axis, site, text } = self;
+        let place = site.map_or_else(String::new, |site| site.to_string());
+        [format!("{t_s:.3}"), axis.to_string(), (*event).to_owned(), place, text.clone()]
     }
 
     /// `   41.020 s  axis 0: model departed at the slave: handle: as backlash@slave=0.050 rad`.
