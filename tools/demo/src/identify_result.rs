@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use identify::four_digits;
 use identify::models::machine_picture;
 use identify::outcome::{FoundEffect, Outcome};
 use identify::study::{Identification, StudyOptions, read, study};
@@ -86,13 +87,18 @@ impl IdentifyResult {
 }
 
 fn effects(found: &[FoundEffect]) -> Table {
-    let short = |value: f64| if value == 0.0 { "0".to_owned() } else { format!("{value:.4}") };
     let rows = found.iter().flat_map(|effect| {
         effect.parameters.iter().enumerate().map(move |(at, parameter)| {
             let name =
                 if at == 0 { format!("{}@{}", effect.id, effect.site) } else { String::new() };
-            let std = parameter.std.map_or("–".to_owned(), short);
-            [name, parameter.name.clone(), short(parameter.value), std, parameter.unit.clone()]
+            let std = parameter.std.map_or("–".to_owned(), four_digits);
+            [
+                name,
+                parameter.name.clone(),
+                four_digits(parameter.value),
+                std,
+                parameter.unit.clone(),
+            ]
         })
     });
     Table::new(["effect", "parameter", "value", "±", "unit"]).rows(rows)

@@ -47,4 +47,5 @@ mod two_sides;
 pub mod write_rig;
 
 pub use args::Args;
+pub use outcome_tables::short as four_digits;
 pub use run::run;

@@ -93,7 +93,7 @@ pub(crate) fn correlations(outcome: &Outcome) -> Table {
 }
 
 /// Four significant digits.
-pub(crate) fn short(value: f64) -> String {
+pub fn short(value: f64) -> String {
     if value == 0.0 || !value.is_finite() {
         return format!("{value}");
     }
