@@ -9,6 +9,7 @@ use std::process::{Child, Command, Stdio};
 
 use common::monitor::{LIMIT, Monitor};
 use common::{Signal, TestRig, kill, told, wait_for};
+use ipc_types::program_flow::{Checkpoint, Flow};
 use ipc_types::{AXES, COMMAND, GateState, MotorCommand, Process, SAMPLE, TOKEN, WatchdogState};
 use launch::UnitState;
 use runtime::{Grid, Service};
@@ -33,8 +34,14 @@ fn third_party(rig_name: &str) -> Result<(), Box<dyn std::error::Error>> {
     let (mut sample, mut token) = (None, None);
     while !service.stopping() {
         let Some(wake) = grid.wait() else { continue };
+        // The watchdog checks that each cycle has passed these, in this order.
+        let mut flow = Flow::default();
         sample = samples.latest()?.or(sample);
+        flow.pass(Checkpoint::SampleTaken);
+        // This control follows no setpoints.
+        flow.pass(Checkpoint::SetpointsTaken);
         token = tokens.latest()?.or(token);
+        flow.pass(Checkpoint::TokenTaken);
         if let (Some(sample), Some(token)) = (&sample, &token) {
             let powered = token.enabled == 1
                 && token.control_incarnation == own
@@ -43,7 +50,9 @@ fn third_party(rig_name: &str) -> Result<(), Box<dyn std::error::Error>> {
             let wanted_v = GAIN_V_PER_RAD * (TARGET_RAD - sample.master_position[0]);
             let mut volts = [0.0; AXES];
             volts[0] = if powered { wanted_v.clamp(-VOLTS_MAX, VOLTS_MAX) } else { 0.0 };
+            flow.pass(Checkpoint::LawStepped);
             commands.send(MotorCommand {
+                flow: flow.signature(token.sequence),
                 sample_tick: sample.tick,
                 sample_time_ns: sample.scan_time_ns,
                 computed_ns: wake.woke_ns,

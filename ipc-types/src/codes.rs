@@ -182,6 +182,30 @@ codes! {
         HomingLost = 25, "homing lost";
         /// An axis was powered for too long without being homed.
         HomingTime = 26, "not homed in time";
+        /// Samples or commands come faster than their rate.
+        TooFast = 27, "messages come too fast";
+        /// A loop has left out a step of its cycle, or run its steps in another order.
+        ProgramFlow = 28, "program flow broken";
+        /// Master and slave are far from the reference.
+        FollowingError = 29, "following error";
+        /// One side moves and the encoder of the other counts nothing.
+        EncoderStuck = 30, "encoder or its side stuck";
+        /// Master and slave have moved apart: line ruptured, slipped, or leaking.
+        Disagreement = 31, "master and slave disagree";
+        /// The output was at its limit for too long.
+        Saturated = 32, "output at its limit for too long";
+        /// Motor and amplifier have had more than they bear for long.
+        MotorOverload = 33, "motor thermal limit";
+        /// The volts that were read back are not those that were written.
+        ReadBack = 34, "read-back differs from the output";
+        /// The card reports motor power that nothing permits.
+        MotorPowered = 35, "motor power stays on";
+        /// A sensor reads the end of its input's range.
+        SensorRailed = 36, "sensor at the end of its range";
+        /// A sensor's reading does not change by one bit.
+        SensorStuck = 37, "sensor reading does not change";
+        /// No logger runs.
+        LoggerLost = 38, "logger lost";
     }
 
     /// What control does.
@@ -334,6 +358,8 @@ codes! {
         /// The simulated machine was changed while it moves: the text has its effects, `a` how
         /// many.
         EffectsChanged = 45, "effects changed";
+        /// The clock of the day was set: `a` by how much (s).
+        ClockStepped = 46, "clock stepped";
     }
 
     /// What the monitor knows of an axis.

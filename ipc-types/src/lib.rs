@@ -20,6 +20,7 @@ mod message;
 mod model_status;
 mod model_types;
 mod process;
+pub mod program_flow;
 mod pulse_source;
 mod requests;
 mod sequence;

@@ -7,7 +7,7 @@ use crate::{ANALOG, AXES, MATRIX, TABLES, TEXT};
 
 messages! {
     /// One scan of the card, converted, with what the gate wrote: the rig's main signal.
-    Sample v3 {
+    Sample v4 {
         /// tick of the acquisition grid at which the card took the scan (monotonic ns / period)
         tick: u64,
         /// when the card took the scan [ns, CLOCK_MONOTONIC]
@@ -58,6 +58,9 @@ messages! {
         digital_out: u32,
         /// analog channels present, one bit each
         analog_present: u16,
+        /// signature of the checkpoints that acquisition's cycle has passed, with token_sequence as
+        /// the challenge
+        flow: u16,
         /// axes of the rig
         axes: u8,
         /// master encoders present, one bit per axis
@@ -81,11 +84,11 @@ messages! {
         /// axes whose positions are absolute, one bit each
         homed: u8,
         /// none
-        reserved: [u8; 3],
+        reserved: u8,
     }
 
     /// Volts for the motors, from control.
-    MotorCommand v2 {
+    MotorCommand v3 {
         /// tick of the sample that it was computed from
         sample_tick: u64,
         /// scan time of that sample [ns, CLOCK_MONOTONIC]
@@ -124,8 +127,9 @@ messages! {
         lapsed: u8,
         /// Profile that control was granted
         profile: u8 = Profile,
-        /// none
-        reserved: u16,
+        /// signature of the checkpoints that control's cycle has passed, with token_sequence as
+        /// the challenge
+        flow: u16,
     }
 
     /// The watchdog's permission to power the motor, for a few milliseconds.

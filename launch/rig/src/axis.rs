@@ -8,6 +8,7 @@ use crate::encoder::Encoder;
 use crate::homing::{Homing, StopSearch};
 use crate::limits::Limits;
 use crate::parameter::Parameter;
+use crate::plausibility::Plausibility;
 use crate::rates::Rates;
 use crate::torque_channel::TorqueChannel;
 
@@ -26,6 +27,8 @@ pub struct Axis {
     pub torque: Option<TorqueChannel>,
     /// Limits that the watchdog enforces.
     pub limits: Limits,
+    /// Limits on how the machine may answer its control, which the watchdog enforces as well.
+    pub plausibility: Plausibility,
     /// How it finds the zero of its positions; `None` where the file does not say, and the axis
     /// never gets power ([`crate::RigFile::check_homing`]).
     pub homing: Option<Homing>,
@@ -45,6 +48,7 @@ const KEYS: Keys = &[
     ("slave", "Encoder at the handle, if there is one."),
     ("torque", "Sensor of the hand's torque, if there is one."),
     ("limits", "Limits that the watchdog enforces; required."),
+    ("plausibility", "Limits on how the machine may answer its control, also of the watchdog."),
     ("homing", "How it finds the zero of its positions; required to run the rig."),
     ("control", "Gains of the control law."),
     ("model", "Parameters of this axis that differ from [model.parameters]."),
@@ -71,6 +75,7 @@ impl Axis {
             section.problem("limits", "the limits that the watchdog enforces", "nothing", advice);
         }
         let limits = Limits::read(section.section("limits"), unit, torque.is_some());
+        let plausibility = Plausibility::read(section.section("plausibility"), unit, &limits);
         let homing = Homing::read(section.section("homing"), unit);
         let control = AxisControl::read(
             section.section("control"),
@@ -82,7 +87,19 @@ impl Axis {
         );
         let model = Parameter::read_all(&section.section("model"));
         let effects = ModelEffect::read_all(&section, "[[axes.effects]]");
-        Self { name, unit, master, slave, torque, limits, homing, control, model, effects }
+        Self {
+            name,
+            unit,
+            master,
+            slave,
+            torque,
+            limits,
+            plausibility,
+            homing,
+            control,
+            model,
+            effects,
+        }
     }
 
     /// The search for its stops; `None` where its encoders are absolute, or the file does not say.

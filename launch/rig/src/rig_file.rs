@@ -18,6 +18,7 @@ use crate::error::{Problem, RigError};
 use crate::model::Model;
 use crate::muscles;
 use crate::rates::{Phases, Rates};
+use crate::safety::Safety;
 use crate::scanner_line::ScannerLine;
 use crate::simulation::Simulation;
 use crate::sync_output::SyncOutput;
@@ -36,6 +37,8 @@ pub struct RigFile {
     /// One to three axes; none in a file that declares a model alone
     /// ([`RigFile::parse_declaration`]).
     pub axes: Vec<Axis>,
+    /// Choices of the laboratory that concern safety.
+    pub safety: Safety,
     /// Up to sixteen analog inputs.
     pub channels: Vec<Channel>,
     /// How the voltages of electrodes become the activity of muscles.
@@ -61,6 +64,7 @@ const KEYS: Keys = &[
     ("rates", "Rates of the processes."),
     ("phases_us", "Phases of the processes."),
     ("axes", "One to three axes."),
+    ("safety", "Choices of the laboratory that concern safety."),
     ("channels", "Analog inputs, at most 16."),
     ("emg", "How the voltages of electrodes become the activity of muscles."),
     ("scanner", "The scanner's trigger line."),
@@ -117,6 +121,7 @@ impl RigFile {
             rates,
             phases,
             axes,
+            safety: Safety::read(root.section("safety")),
             channels,
             emg,
             scanner,

@@ -1,5 +1,6 @@
 //! The process: the loop between card and shared memory.
 
+use ipc_types::program_flow::{Checkpoint, Flow};
 use ipc_types::{
     AXES, COMMAND, EventKind, HOME_ORDER, HomeOrder, Process, SAMPLE, SCANNER, SYNC_ORDER, Sample,
     Severity, SyncOrder, TOKEN,
@@ -189,18 +190,23 @@ fn run_loop(
     let mut cycles = || -> Result<(), AcquisitionError> {
         while !service.stopping() {
             let Some(wake) = grid.wait() else { continue };
+            let mut flow = Flow::default();
             while let Some(token) = tokens.take()? {
                 gate.observe_token(&token);
             }
+            flow.pass(Checkpoint::TokensTaken);
             while let Some(command) = commands.take()? {
                 gate.observe_command(&command);
             }
+            flow.pass(Checkpoint::CommandsTaken);
             sync.cycle(service, daq)?;
             let mut output = gate.step(now_ns());
+            flow.pass(Checkpoint::GateStepped);
             if daq.write(output.volts).is_err() {
                 output = gate.write_failed();
                 daq.write(output.volts)?;
             }
+            flow.pass(Checkpoint::VoltsWritten);
             zeroing.take_orders(service)?;
             let missed = daq.scans_missed();
             let mut taken = None;
@@ -210,7 +216,9 @@ fn run_loop(
                     zeroing.told(&changes, service)?;
                 }
                 let mut sample = converter.convert(scan, zeroing.homing.zeros());
-                stamp(&mut sample, &output);
+                let mut flow = flow;
+                flow.pass(Checkpoint::ScanConverted);
+                stamp(&mut sample, &output, flow);
                 sample.scans_missed = missed;
                 sample.cycles_missed = grid.missed();
                 sample.backend = backend;
@@ -253,8 +261,9 @@ fn run_loop(
     Ok(())
 }
 
-/// Writes what the gate did into the sample.
-fn stamp(sample: &mut Sample, output: &GateOutput) {
+/// Writes what the gate did into the sample, and the checkpoints that its cycle has passed.
+fn stamp(sample: &mut Sample, output: &GateOutput, flow: Flow) {
+    sample.flow = flow.signature(output.token_sequence);
     sample.output_v = output.volts;
     sample.epoch = output.epoch;
     sample.token_sequence = output.token_sequence;

@@ -1,5 +1,6 @@
 //! The process: the loop around the law.
 
+use ipc_types::program_flow::{Checkpoint, Flow};
 use ipc_types::{COMMAND, EventKind, GateState, Process, SAMPLE, SETPOINT, Severity, TOKEN};
 use rig::RigFile;
 use runtime::clock::now_ns;
@@ -26,6 +27,7 @@ pub fn run(rig_name: &str, rig: &RigFile) -> Result<(), ServiceError> {
     let (mut sample, mut setpoint, mut token) = (None, None, None);
     while !service.stopping() {
         let Some(wake) = grid.wait() else { continue };
+        let mut flow = Flow::default();
         if let Some(newest) = samples.latest()? {
             if sample.is_none() {
                 service.event(
@@ -38,6 +40,7 @@ pub fn run(rig_name: &str, rig: &RigFile) -> Result<(), ServiceError> {
             validation.see(&newest);
             sample = Some(newest);
         }
+        flow.pass(Checkpoint::SampleTaken);
         // All of them, not only the newest: with two senders, the last one received need not be the
         // one to follow.
         while let Some(next) = setpoints.take()? {
@@ -50,7 +53,9 @@ pub fn run(rig_name: &str, rig: &RigFile) -> Result<(), ServiceError> {
                 }
             }
         }
+        flow.pass(Checkpoint::SetpointsTaken);
         token = tokens.latest()?.or(token);
+        flow.pass(Checkpoint::TokenTaken);
         if let Some(sample) = &sample {
             // Powered: the gate is open for the epoch of the newest token, and for commands of this
             // process.
@@ -61,7 +66,9 @@ pub fn run(rig_name: &str, rig: &RigFile) -> Result<(), ServiceError> {
                     && sample.gate_state == GateState::Open.code()
             });
             let mut command = law.step(now_ns(), sample, setpoint.as_ref(), powered);
+            flow.pass(Checkpoint::LawStepped);
             command.token_sequence = token.map_or(0, |token| token.sequence);
+            command.flow = flow.signature(command.token_sequence);
             command.epoch = token.map_or(0, |token| token.epoch);
             command.cycles_missed = grid.missed();
             command.profile = profile.code();

@@ -248,7 +248,11 @@ fn in_words(origin: &Origin) -> String {
     let place = effects::entry(origin.id)
         .and_then(|entry| entry.sites.iter().find(|place| place.site == origin.site));
     let size = place.map_or_else(String::new, |place| {
-        format!("={:.3} {}", origin.size * place.size, place.unit)
+        let size = origin.size * place.size;
+        // A leak is some 1e-12 m³/(s Pa).
+        let exact = (1e-3..1e4).contains(&size.abs());
+        let size = if exact { format!("{size:.3}") } else { format!("{size:.2e}") };
+        format!("={size} {}", place.unit)
     });
     let share = 100.0 * origin.explains;
     format!("{}@{}{size}, which explains {share:.0} % of it", origin.id, origin.site.name())

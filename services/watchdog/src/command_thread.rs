@@ -6,18 +6,21 @@ use std::sync::atomic::{AtomicBool, AtomicU8, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 use crossbeam_queue::ArrayQueue;
-use ipc_types::{Verb, VerbAnswer, WATCHDOG_COMMANDS, WatchdogState};
-use runtime::{Domain, RigName, Server, ServiceError};
+use ipc_types::{Process, Verb, VerbAnswer, WATCHDOG_COMMANDS, WatchdogState, heartbeat_topic};
+use runtime::clock::{ClockPair, now_ns};
+use runtime::{Domain, RigName, Server, ServiceError, Subscriber};
 use rustix::event::{PollFd, PollFlags, poll};
 use rustix::fd::OwnedFd;
 use rustix::process::{Pid, PidfdFlags, pidfd_open};
 use rustix::time::Timespec;
 
+use crate::clock_of_day::ClockOfDay;
 use crate::interlock::Refusal;
+use crate::logger_watch::LoggerWatch;
 
 /// Period of the thread.
 const PERIOD: Duration = Duration::from_millis(2);
-/// Period of the keeper's check.
+/// Period of the checks of keeper, logger and clock.
 const KEEPER_PERIOD: Duration = Duration::from_millis(50);
 /// How long the loop may take to execute a verb.
 const VERB_LIMIT: Duration = Duration::from_millis(500);
@@ -35,6 +38,10 @@ pub(crate) struct Shared {
     pub(crate) launcher: AtomicBool,
     /// The keeper is alive.
     pub(crate) keeper: AtomicBool,
+    /// The logger is alive.
+    pub(crate) logger: AtomicBool,
+    /// Steps of the clock of the day that are not yet reported (s).
+    pub(crate) clock_steps: ArrayQueue<f64>,
     /// The watchdog's state, for answers.
     pub(crate) state: AtomicU8,
     /// The command thread has ended.
@@ -50,6 +57,8 @@ impl Shared {
             answers: ArrayQueue::new(1),
             launcher: AtomicBool::new(true),
             keeper: AtomicBool::new(true),
+            logger: AtomicBool::new(true),
+            clock_steps: ArrayQueue::new(8),
             state: AtomicU8::new(WatchdogState::Faulted.code()),
             dead: AtomicBool::new(false),
             cycles: AtomicU64::new(0),
@@ -158,11 +167,21 @@ fn serve(name: &RigName, shared: &Shared, stop: &AtomicBool) -> Result<(), Servi
     let server = Server::new(&node, &WATCHDOG_COMMANDS)?;
     let mut launcher = Launcher::new(name);
     let mut keeper_seen = Instant::now();
+    let heartbeats = heartbeat_topic(Process::Logger).map(|topic| Subscriber::new(&node, topic));
+    let mut logger = heartbeats.transpose()?.map(LoggerWatch::new);
+    let mut day = ClockOfDay::default();
     while !stop.load(Ordering::Relaxed) {
         shared.launcher.store(launcher.alive(), Ordering::Relaxed);
         if keeper_seen.elapsed() >= KEEPER_PERIOD {
             keeper_seen = Instant::now();
             shared.keeper.store(domain.keeper_lives(), Ordering::Relaxed);
+            if let Some(logger) = &mut logger {
+                shared.logger.store(logger.alive(now_ns())?, Ordering::Relaxed);
+            }
+            if let Some(step_s) = day.step_s(ClockPair::measure()) {
+                // Eight steps within one cycle of the loop are none of a clock's.
+                let _queued = shared.clock_steps.push(step_s);
+            }
         }
         server.poll(
             |verb: Verb| answer(verb, shared),

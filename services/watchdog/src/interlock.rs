@@ -20,22 +20,26 @@
 //! call [`Interlock::step`]. Publish each returned token exactly once: its sequence number must
 //! equal the one that the publisher assigns.
 
+mod active_faults;
 mod config;
 mod faults;
 mod message_monitor;
+mod pacing;
+mod plausibility;
 mod refusal;
 mod speed;
+mod torque_input;
 
 pub use config::Config;
-use config::homing_time_ns;
 pub use faults::{FaultAction, FaultSet, PRIORITY, action_of};
 use ipc_types::{
     AXES, EnableToken, GateState, MotorCommand, Sample, TripCause, Verb, WatchdogState,
 };
-use message_monitor::{
-    CommandMonitor, SampleMonitor, age_ns, has_enable_line, lacks_realtime, takes_volts,
-};
+use message_monitor::{CommandMonitor, SampleMonitor, has_enable_line};
+use plausibility::PlausibilityMonitor;
 pub use refusal::Refusal;
+use rig::WithoutLogger;
+pub use torque_input::TorqueInput;
 
 /// Number of past tokens whose issue times are kept, to compute the age of an echoed token.
 const TOKEN_HISTORY: usize = 256;
@@ -48,6 +52,13 @@ pub struct Peers {
     pub launcher_alive: bool,
     /// The keeper is alive.
     pub keeper_alive: bool,
+    /// The logger is alive.
+    pub logger_alive: bool,
+}
+
+impl Peers {
+    /// All of them are alive.
+    pub const ALIVE: Self = Self { launcher_alive: true, keeper_alive: true, logger_alive: true };
 }
 
 /// A change of state between two steps.
@@ -93,6 +104,7 @@ pub struct Interlock {
     cause: TripCause,
     samples: SampleMonitor,
     commands: CommandMonitor,
+    plausibility: PlausibilityMonitor,
     /// Faults detected in single messages since the last step.
     momentary: FaultSet,
     /// Time until which each momentary fault is held active (ns), by code of its cause.
@@ -125,7 +137,8 @@ impl Interlock {
             reported_state: WatchdogState::Faulted,
             cause: TripCause::Started,
             samples: SampleMonitor::new(),
-            commands: CommandMonitor { newest: None },
+            commands: CommandMonitor::default(),
+            plausibility: PlausibilityMonitor::new(),
             momentary: FaultSet::NONE,
             held_until_ns: [0; CAUSES],
             active: FaultSet::NONE,
@@ -178,6 +191,10 @@ impl Interlock {
                     .insert_if(self.gate_opened || !still_opening, TripCause::GateLatched);
             }
         }
+        let powered = self.state == WatchdogState::Enabled && self.gate_opened;
+        let command = self.commands.newest.as_ref();
+        let implausible = self.plausibility.observe(sample, command, powered, &self.config);
+        self.momentary.merge(implausible);
     }
 
     /// Processes a received motor command.
@@ -219,9 +236,11 @@ impl Interlock {
         self.update_faults(now_ns, peers);
         let cause = match self.state {
             WatchdogState::Armed | WatchdogState::Enabled => {
-                self.active.first(|action| action != FaultAction::Blocks)
+                self.active.first(|cause| self.action(cause) != FaultAction::Blocks)
             }
-            WatchdogState::Disarmed => self.active.first(|action| action == FaultAction::Trips),
+            WatchdogState::Disarmed => {
+                self.active.first(|cause| self.action(cause) == FaultAction::Trips)
+            }
             WatchdogState::Faulted | WatchdogState::Tripped => None,
         };
         if let Some(cause) = cause {
@@ -248,95 +267,6 @@ impl Interlock {
         Outputs { token, toggle_line, event }
     }
 
-    /// Whether the newest sample is recent enough for the enable line to keep toggling.
-    fn samples_are_fresh(&self, now_ns: u64) -> bool {
-        self.samples.newest.as_ref().is_some_and(|sample| {
-            now_ns.saturating_sub(sample.scan_time_ns) <= self.config.enable_line_pause_ns
-        })
-    }
-
-    /// Updates the set of active faults.
-    fn update_faults(&mut self, now_ns: u64, peers: Peers) {
-        let config = &self.config;
-        let mut active = FaultSet::NONE;
-        let mut momentary = std::mem::take(&mut self.momentary);
-
-        let gap_ns = self.last_step_ns.map(|last| now_ns.checked_sub(last));
-        momentary.insert_if(
-            gap_ns.is_some_and(|gap| gap.is_none_or(|gap| gap > config.token_life_ns)),
-            TripCause::WatchdogLate,
-        );
-        self.last_step_ns = Some(now_ns);
-        let unpowered_since_ns = *self.unpowered_since_ns.get_or_insert(now_ns);
-
-        if let Some(sample) = &self.samples.newest {
-            let age = age_ns(now_ns, sample, sample.scan_time_ns, config);
-            momentary.insert_if(age.is_none(), TripCause::SampleBackwards);
-            active.insert_if(
-                age.is_none_or(|age| age > config.peer_lost_ns),
-                TripCause::AcquisitionLost,
-            );
-            // Trips before the card removes motor power by itself: the enable line has been silent
-            // for nearly the card's timeout.
-            let line_silent_ns = now_ns.saturating_sub(self.toggled_at_ns);
-            let line_silent =
-                self.state == WatchdogState::Enabled && line_silent_ns > config.enable_line_gap_ns;
-            let fresh = self.samples_are_fresh(now_ns);
-            active.insert_if(
-                line_silent,
-                if fresh { TripCause::WatchdogLate } else { TripCause::AcquisitionLost },
-            );
-            active.insert_if(self.echo_lost(sample.token_sequence, now_ns), TripCause::EchoLost);
-            active.insert_if(!takes_volts(sample), TripCause::NoOutput);
-            active.insert_if(
-                lacks_realtime(sample, self.commands.newest.as_ref(), config),
-                TripCause::NotRealtime,
-            );
-            // The gate must write 0 V within `echo_lost_ns` of the end of permission; checked from
-            // the samples, independently of the gate. The limit is then 0 V, hence the cause.
-            let overdue = self.state != WatchdogState::Enabled
-                && now_ns.saturating_sub(unpowered_since_ns) > config.echo_lost_ns
-                && sample.output_v.iter().any(|&volts| volts != 0.0);
-            active.insert_if(overdue, TripCause::VoltageLimit);
-        } else {
-            active.insert(TripCause::AcquisitionLost);
-        }
-        if let Some(command) = &self.commands.newest {
-            let age = age_ns(now_ns, command, command.computed_ns, config);
-            momentary.insert_if(age.is_none(), TripCause::CommandBackwards);
-            active
-                .insert_if(age.is_none_or(|age| age > config.peer_lost_ns), TripCause::ControlLost);
-            let sample_age_ns = now_ns.saturating_sub(command.sample_time_ns);
-            active.insert_if(sample_age_ns > config.echo_lost_ns, TripCause::CommandStale);
-            active.insert_if(self.echo_lost(command.token_sequence, now_ns), TripCause::EchoLost);
-        } else {
-            active.insert(TripCause::ControlLost);
-        }
-        active.insert_if(!peers.launcher_alive, TripCause::LauncherLost);
-        active.insert_if(!peers.keeper_alive, TripCause::KeeperLost);
-        active.insert_if(
-            self.state == WatchdogState::Enabled
-                && !self.gate_opened
-                && now_ns.saturating_sub(self.enabled_at_ns) > config.gate_open_ns,
-            TripCause::GateNotOpen,
-        );
-        active.insert_if(
-            self.state == WatchdogState::Enabled
-                && homing_time_ns(&config.axes, self.samples.homed())
-                    .is_some_and(|most| now_ns.saturating_sub(self.enabled_at_ns) > most),
-            TripCause::HomingTime,
-        );
-
-        for &cause in PRIORITY {
-            let held_until_ns = &mut self.held_until_ns[usize::from(cause.code())];
-            if momentary.contains(cause) {
-                *held_until_ns = now_ns.saturating_add(config.hold_ns);
-            }
-            active.insert_if(momentary.contains(cause) || now_ns < *held_until_ns, cause);
-        }
-        self.active = active;
-    }
-
     /// Disarmed → Armed, if no fault is active, the card has an enable line (or the rig file an
     /// override), the gate is closed and the masters are at rest.
     fn arm(&mut self, now_ns: u64) -> Result<(), Refusal> {
@@ -346,18 +276,15 @@ impl Interlock {
         self.refuse_if_active(|_| true)?;
         let sample =
             self.samples.newest.as_ref().ok_or(Refusal::FaultActive(TripCause::AcquisitionLost))?;
-        if !has_enable_line(sample) && !self.config.line_override {
+        if !has_enable_line(sample) && !self.config.power_cut_otherwise {
             return Err(Refusal::NoEnableLine);
         }
         let unpowered_for_ns =
             self.unpowered_since_ns.map_or(0, |since| now_ns.saturating_sub(since));
-        if unpowered_for_ns > self.config.echo_lost_ns {
-            if sample.gate_state == GateState::Open.code() {
-                return Err(Refusal::GateOpen);
-            }
-            if sample.motor_power == 1 {
-                return Err(Refusal::MotorPowered);
-            }
+        if unpowered_for_ns > self.config.echo_lost_ns
+            && sample.gate_state == GateState::Open.code()
+        {
+            return Err(Refusal::GateOpen);
         }
         match self.samples.at_rest(&self.config) {
             None => Err(Refusal::SpeedUnknown),
@@ -386,13 +313,22 @@ impl Interlock {
         Ok(())
     }
 
+    /// What a fault leads to here: for the loss of the logger the rig file says it.
+    fn action(&self, cause: TripCause) -> FaultAction {
+        match (cause, self.config.without_logger) {
+            (TripCause::LoggerLost, WithoutLogger::Trip) => FaultAction::TripsWhenArmed,
+            _ => action_of(cause),
+        }
+    }
+
     /// Refuses if a fault is active whose action is `relevant`.
     fn refuse_if_active(&self, relevant: impl Fn(FaultAction) -> bool) -> Result<(), Refusal> {
         // Before the first step faults have not been evaluated: refuse.
         if self.last_step_ns.is_none() {
             return Err(Refusal::FaultActive(TripCause::Started));
         }
-        self.active.first(relevant).map_or(Ok(()), |cause| Err(Refusal::FaultActive(cause)))
+        let active = self.active.first(|cause| relevant(self.action(cause)));
+        active.map_or(Ok(()), |cause| Err(Refusal::FaultActive(cause)))
     }
 
     const fn wrong_state(&self, expected: WatchdogState) -> Refusal {
@@ -410,20 +346,6 @@ impl Interlock {
             self.unpowered_since_ns = Some(now_ns);
         }
         self.state = to;
-    }
-
-    /// Whether the token sequence echoed by a peer is too old or was never issued by this
-    /// watchdog.
-    fn echo_lost(&self, echoed: u64, now_ns: u64) -> bool {
-        match self.sequence.checked_sub(echoed) {
-            // Tokens issued so far have sequences below `sequence`.
-            None | Some(0) => true,
-            Some(behind) if behind > TOKEN_HISTORY as u64 => true,
-            Some(_) => {
-                now_ns.saturating_sub(self.issued_ns[echoed as usize % TOKEN_HISTORY])
-                    > self.config.echo_lost_ns
-            }
-        }
     }
 
     fn token(&self, now_ns: u64) -> EnableToken {

@@ -4,8 +4,10 @@
 //! what is slow: it serves the operator's commands, follows launcher and keeper, and reaches the
 //! loop through queues that never block.
 
+mod clock_of_day;
 mod command_thread;
 pub mod interlock;
+mod logger_watch;
 mod process;
 
 pub use process::{WatchdogError, run};

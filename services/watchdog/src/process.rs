@@ -15,6 +15,9 @@ use thiserror::Error;
 use crate::command_thread::{self, Heartbeat, Shared};
 use crate::interlock::{Config, Interlock, Outputs, Peers, StateChange};
 
+/// Text of the event for a step of the clock of the day.
+const CLOCK: &str = "the clock of the day was set; the rig's own time goes on";
+
 /// Why the process ended.
 #[derive(Debug, Error)]
 #[allow(missing_docs)]
@@ -31,14 +34,7 @@ pub enum WatchdogError {
 /// The interlock's configuration for this session.
 fn config(rig: &RigFile, service: &Service) -> Config {
     let identity = service.identity();
-    Config::for_profile(
-        service.domain().profile(),
-        identity.session,
-        identity.incarnation,
-        &rig.axes,
-        // No rig file records an override yet.
-        false,
-    )
+    Config::for_profile(service.domain().profile(), identity.session, identity.incarnation, rig)
 }
 
 /// The event that reports a change of state.
@@ -88,6 +84,7 @@ pub fn run(rig_name: &str, rig: &RigFile) -> Result<(), WatchdogError> {
         let peers = Peers {
             launcher_alive: shared.launcher.load(Ordering::Relaxed),
             keeper_alive: shared.keeper.load(Ordering::Relaxed),
+            logger_alive: shared.logger.load(Ordering::Relaxed),
         };
         let now = now_ns();
         if let Some(verb) = shared.verbs.pop() {
@@ -106,6 +103,9 @@ pub fn run(rig_name: &str, rig: &RigFile) -> Result<(), WatchdogError> {
         if let Some(change) = event {
             service.publish(state_changed(&change))?;
         }
+        if let Some(step_s) = shared.clock_steps.pop() {
+            service.event(EventKind::ClockStepped, Severity::Warning, [step_s, 0.0, 0.0], CLOCK)?;
+        }
         let losses = Losses::default()
             .received(samples.counters())
             .received(commands.counters())
@@ -120,8 +120,7 @@ pub fn run(rig_name: &str, rig: &RigFile) -> Result<(), WatchdogError> {
     // The motor first: withdraws the permission in good order and stops the line.
     let now = now_ns();
     let _state = interlock.command(Verb::Disarm, now);
-    let peers = Peers { launcher_alive: true, keeper_alive: true };
-    tokens.send(interlock.step(now, peers).token)?;
+    tokens.send(interlock.step(now, Peers::ALIVE).token)?;
     service.end()?;
     // It ends on the same flag; a panic has been printed.
     let panicked = command_thread.join().is_err();

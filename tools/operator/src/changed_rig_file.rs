@@ -98,6 +98,7 @@ fn other_part(before: &RigFile, after: &RigFile) -> Option<&'static str> {
         ("rates", before.rates == after.rates),
         ("phases_us", before.phases == after.phases),
         ("axes", axes(before) == axes(after)),
+        ("safety", before.safety == after.safety),
         ("channels", before.channels == after.channels),
         ("emg", before.emg == after.emg),
         ("scanner", before.scanner == after.scanner),

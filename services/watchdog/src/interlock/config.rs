@@ -1,8 +1,10 @@
 //! The interlock's configuration.
 
 use ipc_types::{AXES, Profile};
-use rig::Axis;
+use rig::{Axis, RigFile, WithoutLogger};
 use runtime::Timeouts;
+
+use super::torque_input::TorqueInput;
 
 /// What the interlock needs to know about its rig.
 #[derive(Clone, Debug, PartialEq)]
@@ -37,19 +39,29 @@ pub struct Config {
     /// Axes of the rig; beyond any of their limits, those of homing while unhomed, the motor loses
     /// power.
     pub axes: Vec<Axis>,
-    /// Whether the rig file records that the rig does without an enable line.
-    pub line_override: bool,
+    /// Inputs of the torque cells, by axis.
+    pub torque_inputs: [Option<TorqueInput>; AXES],
+    /// Periods of samples and commands (ns).
+    pub periods_ns: Periods,
+    /// Whether the rig file says who cuts the motor's power where the card does not.
+    pub power_cut_otherwise: bool,
+    /// What happens without a logger.
+    pub without_logger: WithoutLogger,
+}
+
+/// Periods of the messages that the watchdog reads (ns).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Periods {
+    /// Of the samples.
+    pub sample: u64,
+    /// Of the commands.
+    pub command: u64,
 }
 
 impl Config {
-    /// The timeouts of a profile: token 5 ms, peer 8 ms (realtime), or 40 and 60 ms (best-effort).
-    pub fn for_profile(
-        profile: Profile,
-        session: u64,
-        incarnation: u64,
-        axes: &[Axis],
-        line_override: bool,
-    ) -> Self {
+    /// That of a rig, with the timeouts of a profile: token 5 ms, peer 8 ms (realtime), or 40 and
+    /// 60 ms (best-effort).
+    pub fn for_profile(profile: Profile, session: u64, incarnation: u64, rig: &RigFile) -> Self {
         let timeouts = Timeouts::of(profile);
         let Timeouts { token_ns: token_life_ns, peer_lost_ns, enable_line_pause_ns, .. } = timeouts;
         Self {
@@ -65,10 +77,20 @@ impl Config {
             hold_ns: 2 * peer_lost_ns,
             speed_window_ns: 8_000_000,
             future_ns: 1_000_000,
-            axes: axes.iter().take(AXES).cloned().collect(),
-            line_override,
+            axes: rig.axes.iter().take(AXES).cloned().collect(),
+            torque_inputs: TorqueInput::of_rig(rig),
+            periods_ns: Periods {
+                sample: period_ns(rig.rates.acquisition_hz),
+                command: period_ns(rig.rates.control_hz),
+            },
+            power_cut_otherwise: !rig.safety.power_cut_by.is_empty(),
+            without_logger: rig.safety.without_logger,
         }
     }
+}
+
+fn period_ns(rate_hz: u32) -> u64 {
+    runtime::clock::SECOND_NS / u64::from(rate_hz.max(1))
 }
 
 /// Limits of an axis at a time: those of the rig file, or those of homing.

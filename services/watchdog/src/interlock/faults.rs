@@ -28,13 +28,24 @@ pub const PRIORITY: &[TripCause] = &[
     TripCause::ControlChanged,
     TripCause::SampleBackwards,
     TripCause::CommandBackwards,
+    TripCause::ProgramFlow,
+    TripCause::TooFast,
     TripCause::SensorInvalid,
+    TripCause::SensorRailed,
+    TripCause::SensorStuck,
     TripCause::EncoderJump,
     TripCause::HomingLost,
     TripCause::PositionLimit,
     TripCause::SpeedLimit,
     TripCause::TorqueLimit,
     TripCause::VoltageLimit,
+    TripCause::EncoderStuck,
+    TripCause::Disagreement,
+    TripCause::ReadBack,
+    TripCause::FollowingError,
+    TripCause::Saturated,
+    TripCause::MotorOverload,
+    TripCause::MotorPowered,
     TripCause::HomingTime,
     TripCause::AcquisitionLost,
     TripCause::ControlLost,
@@ -46,6 +57,7 @@ pub const PRIORITY: &[TripCause] = &[
     TripCause::NotRealtime,
     TripCause::NoOutput,
     TripCause::KeeperLost,
+    TripCause::LoggerLost,
 ];
 
 /// What `cause` leads to while it is active.
@@ -55,6 +67,8 @@ pub const fn action_of(cause: TripCause) -> FaultAction {
         // The keeper only holds services open: those that run go on, and its restart brings it
         // back.
         TripCause::KeeperLost => FaultAction::Blocks,
+        // Unless the rig file says that it trips; without a word there it is no fault.
+        TripCause::LoggerLost => FaultAction::Blocks,
         _ => FaultAction::Trips,
     }
 }
@@ -91,8 +105,8 @@ impl FaultSet {
     }
 
     /// The most specific fault for which `counts` holds.
-    pub fn first(self, counts: impl Fn(FaultAction) -> bool) -> Option<TripCause> {
-        PRIORITY.iter().copied().find(|&cause| self.contains(cause) && counts(action_of(cause)))
+    pub fn first(self, counts: impl Fn(TripCause) -> bool) -> Option<TripCause> {
+        PRIORITY.iter().copied().find(|&cause| self.contains(cause) && counts(cause))
     }
 }
 

@@ -1,11 +1,14 @@
 //! The newest messages that the interlock saw, and the faults that they show.
 
+use ipc_types::program_flow::{ACQUISITION_CYCLE, CONTROL_CYCLE, signature};
 use ipc_types::{AXES, Capabilities, CardKind, Message, MotorCommand, Profile, Sample, TripCause};
 use rig::Encoder;
 
 use super::config::{Config, LimitsNow};
 use super::faults::FaultSet;
+use super::pacing::Pacing;
 use super::speed::SpeedWindow;
+use super::torque_input::InputMonitor;
 
 /// For `arm`, an axis that moves by fewer counts than this within the speed window is at rest.
 const REST_COUNTS: f64 = 3.0;
@@ -21,11 +24,19 @@ pub(super) struct SampleMonitor {
     pub(super) newest: Option<Sample>,
     master: [SpeedWindow; AXES],
     slave: [SpeedWindow; AXES],
+    pacing: Pacing,
+    torque_inputs: [InputMonitor; AXES],
 }
 
 impl SampleMonitor {
-    pub(super) const fn new() -> Self {
-        Self { newest: None, master: [SpeedWindow::new(); AXES], slave: [SpeedWindow::new(); AXES] }
+    pub(super) fn new() -> Self {
+        Self {
+            newest: None,
+            master: [SpeedWindow::new(); AXES],
+            slave: [SpeedWindow::new(); AXES],
+            pacing: Pacing::default(),
+            torque_inputs: [InputMonitor::default(); AXES],
+        }
     }
 
     /// Takes a sample; returns the faults that it shows.
@@ -51,10 +62,20 @@ impl SampleMonitor {
             }
             Some(_) => {
                 faults.insert(TripCause::AcquisitionChanged);
+                self.pacing = Pacing::default();
                 self.master = [SpeedWindow::new(); AXES];
                 self.slave = [SpeedWindow::new(); AXES];
             }
             None => {}
+        }
+        let expected = signature(ACQUISITION_CYCLE, sample.token_sequence);
+        faults.insert_if(sample.flow != expected, TripCause::ProgramFlow);
+        let too_fast = self.pacing.too_fast(sample.scan_time_ns, config.periods_ns.sample);
+        faults.insert_if(too_fast, TripCause::TooFast);
+        for (monitor, input) in self.torque_inputs.iter_mut().zip(&config.torque_inputs) {
+            if let Some(input) = input {
+                faults.merge(monitor.observe(sample, input));
+            }
         }
         faults.merge(measured(sample, config));
         for (axis, entry) in config.axes.iter().enumerate() {
@@ -99,9 +120,10 @@ impl SampleMonitor {
 }
 
 /// The commands seen.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub(super) struct CommandMonitor {
     pub(super) newest: Option<MotorCommand>,
+    pacing: Pacing,
 }
 
 impl CommandMonitor {
@@ -119,7 +141,8 @@ impl CommandMonitor {
         }
         match &self.newest {
             Some(last) if last.incarnation != command.incarnation => {
-                faults.insert(TripCause::ControlChanged)
+                faults.insert(TripCause::ControlChanged);
+                self.pacing = Pacing::default();
             }
             Some(last)
                 if command.sequence <= last.sequence || command.sample_tick < last.sample_tick =>
@@ -129,6 +152,10 @@ impl CommandMonitor {
             }
             _ => {}
         }
+        let expected = signature(CONTROL_CYCLE, command.token_sequence);
+        faults.insert_if(command.flow != expected, TripCause::ProgramFlow);
+        let too_fast = self.pacing.too_fast(command.computed_ns, config.periods_ns.command);
+        faults.insert_if(too_fast, TripCause::TooFast);
         faults.insert_if(volts_beyond(&command.volts, homed, config), TripCause::VoltageLimit);
         self.newest = Some(*command);
         faults
@@ -201,6 +228,11 @@ fn measured(sample: &Sample, config: &Config) -> FaultSet {
         faults.insert_if(sample.master_present & bit == 0, TripCause::SensorInvalid);
         faults.insert_if(
             entry.torque.is_some() && sample.torque_present & bit == 0,
+            TripCause::SensorInvalid,
+        );
+        // An axis with one encoder has none declared; a record may lack it, and moves nothing.
+        faults.insert_if(
+            entry.slave.is_some() && sample.slave_present & bit == 0 && takes_volts(sample),
             TripCause::SensorInvalid,
         );
         for (value, present) in [

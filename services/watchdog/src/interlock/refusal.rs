@@ -31,13 +31,11 @@ pub enum Refusal {
         "acquisition's gate is open without permission from this watchdog; is there a second one?"
     )]
     GateOpen,
-    /// The card reports motor power although the enable line does not toggle.
+    /// A card without an enable line, and nobody who cuts power otherwise.
     #[error(
-        "the card reports motor power on although the enable line does not toggle; check the relay"
+        "the card has no enable line, and the rig file does not say who cuts the motor's power \
+         otherwise ([safety] power_cut_by)"
     )]
-    MotorPowered,
-    /// A real card without an enable line and without a recorded override.
-    #[error("the card has no enable line and the rig file records no override")]
     NoEnableLine,
     /// No higher epoch is left.
     #[error("no higher enable epoch is left (a forged one was seen); take the rig down and up")]

@@ -1,5 +1,6 @@
 //! The fault table: each cause from each state, until a person brings the rig back.
 
+use ipc_types::program_flow::{ACQUISITION_CYCLE, CONTROL_CYCLE, Checkpoint, signature};
 use ipc_types::{MotorCommand, Profile, Sample, TripCause, Verb, WatchdogState};
 use watchdog::interlock::Refusal;
 
@@ -18,7 +19,7 @@ struct Fault {
 fn once(_: &mut World) {}
 
 fn faults() -> impl Iterator<Item = Fault> {
-    [peer_faults(), order_faults(), axis_faults(), sensor_faults(), session_faults()]
+    [peer_faults(), order_faults(), axis_faults(), sensor_faults(), flow_faults(), session_faults()]
         .into_iter()
         .flatten()
 }
@@ -72,6 +73,7 @@ fn peer_faults() -> Vec<Fault> {
                     w.command.sequence += 1;
                     (w.command.time_ns, w.command.computed_ns) = (w.now, w.now);
                     w.command.token_sequence = w.token.sequence;
+                    w.command.flow = signature(CONTROL_CYCLE, w.token.sequence);
                     w.interlock.observe_command(&w.command);
                     w.step();
                 }
@@ -224,6 +226,18 @@ fn sensor_faults() -> Vec<Fault> {
         },
         Fault {
             cause: TripCause::SensorInvalid,
+            begin: |w| w.sample.slave_present = 0,
+            end: |w| w.sample.slave_present = 1,
+            within: [1, 1],
+        },
+        Fault {
+            cause: TripCause::SensorRailed,
+            begin: |w| w.sample.analog_v[0] = -9.96,
+            end: |w| w.sample.analog_v[0] = 0.0,
+            within: [22, 22],
+        },
+        Fault {
+            cause: TripCause::SensorInvalid,
             begin: |w| w.sample.slave_position[0] = f64::NAN,
             end: |w| w.sample.slave_position[0] = 0.0,
             within: [1, 1],
@@ -238,6 +252,37 @@ fn sensor_faults() -> Vec<Fault> {
             cause: TripCause::SensorInvalid,
             begin: |w| w.sample.analog_v[0] = f64::NAN,
             end: |w| w.sample.analog_v[0] = 0.0,
+            within: [1, 1],
+        },
+    ]
+}
+
+/// A loop runs other than it should.
+fn flow_faults() -> Vec<Fault> {
+    vec![
+        Fault {
+            cause: TripCause::ProgramFlow,
+            begin: |w| w.flows[0].retain(|&step| step != Checkpoint::GateStepped),
+            end: |w| w.flows[0] = ACQUISITION_CYCLE.to_vec(),
+            within: [2, 2],
+        },
+        Fault {
+            cause: TripCause::ProgramFlow,
+            begin: |w| w.flows[1].swap(0, 2),
+            end: |w| w.flows[1] = CONTROL_CYCLE.to_vec(),
+            within: [2, 2],
+        },
+        Fault {
+            cause: TripCause::TooFast,
+            begin: |w| {
+                for _ in 0..8 {
+                    w.now += MS / 4;
+                    w.sample_now();
+                    w.command_now();
+                }
+                w.step();
+            },
+            end: once,
             within: [1, 1],
         },
     ]

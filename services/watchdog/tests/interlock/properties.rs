@@ -197,7 +197,7 @@ proptest! {
             for verb in [Verb::Reset, Verb::Arm, Verb::Enable] {
                 let _ = interlock.command(verb, now);
             }
-            let peers = Peers { launcher_alive: true, keeper_alive: true };
+            let peers = Peers::ALIVE;
             prop_assert_eq!(interlock.step(now, peers).token.enabled, 0);
         }
     }

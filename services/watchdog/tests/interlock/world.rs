@@ -1,16 +1,17 @@
 //! A simulated rig round the interlock: a card, a gate and a control process.
 
+use ipc_types::program_flow::{ACQUISITION_CYCLE, CONTROL_CYCLE, Checkpoint, signature};
 use ipc_types::{
     CardKind, EnableToken, GateState, MotorCommand, Profile, Sample, Verb, WatchdogState,
 };
-use watchdog::interlock::{Config, Interlock, Outputs, Peers, Refusal};
+use watchdog::interlock::{Config, Interlock, Outputs, Peers, Refusal, TorqueInput};
 
 pub(crate) const MS: u64 = 1_000_000;
 pub(crate) const SESSION: u64 = 11;
 pub(crate) const COUNT: f64 = std::f64::consts::TAU / 4000.0;
 
 pub(crate) fn config(profile: Profile) -> Config {
-    let rig = rig::load_rig("hydrostatic".as_ref()).unwrap();
+    let mut rig = rig::load_rig("hydrostatic".as_ref()).unwrap();
     let mut axis = rig.axes[0].clone();
     axis.limits = rig::Limits {
         position_min: -1.0,
@@ -32,7 +33,25 @@ pub(crate) fn config(profile: Profile) -> Config {
     }));
     axis.master.counts_per_unit = 1.0 / COUNT;
     axis.slave = Some(axis.master);
-    Config::for_profile(profile, SESSION, 31, &[axis], false)
+    axis.plausibility = rig::Plausibility {
+        following_error_max: 0.2,
+        following_error_time_s: 0.05,
+        disagreement_max: 0.3,
+        saturation_time_s: 0.1,
+        thermal: Some(rig::ThermalRating { continuous_v: 3.0, time_constant_s: 0.2 }),
+    };
+    rig.axes = vec![axis];
+    // One command for each step of the watchdog.
+    rig.rates.control_hz = 1000;
+    Config {
+        // The torque itself comes as `Sample::slave_torque`.
+        torque_inputs: [
+            Some(TorqueInput { channel: 0, range_v: 10.0, stuck_ns: None }),
+            None,
+            None,
+        ],
+        ..Config::for_profile(profile, SESSION, 31, &rig)
+    }
 }
 
 /// A healthy rig around the interlock: a card, a gate and a control process.
@@ -46,6 +65,8 @@ pub(crate) struct World {
     pub(crate) acquisition_runs: bool,
     pub(crate) control_runs: bool,
     pub(crate) gate_obeys: bool,
+    /// Checkpoints of the cycles of acquisition and control.
+    pub(crate) flows: [Vec<Checkpoint>; 2],
 }
 
 impl World {
@@ -73,7 +94,8 @@ impl World {
         Self {
             interlock: Interlock::new(config(profile)),
             now: 1_000 * MS,
-            peers: Peers { launcher_alive: true, keeper_alive: true },
+            peers: Peers::ALIVE,
+            flows: [ACQUISITION_CYCLE.to_vec(), CONTROL_CYCLE.to_vec()],
             sample,
             command,
             token: EnableToken::default(),
@@ -89,6 +111,7 @@ impl World {
         self.sample.time_ns = self.now;
         self.sample.scan_time_ns = self.now;
         self.sample.token_sequence = self.token.sequence;
+        self.sample.flow = signature(&self.flows[0], self.token.sequence);
         if self.gate_obeys {
             self.sample.epoch = self.token.epoch;
             let state = if self.token.enabled == 1 { GateState::Open } else { GateState::Closed };
@@ -104,6 +127,7 @@ impl World {
         self.command.sample_time_ns = self.sample.scan_time_ns;
         self.command.sample_tick = self.sample.tick;
         self.command.token_sequence = self.token.sequence;
+        self.command.flow = signature(&self.flows[1], self.token.sequence);
         self.interlock.observe_command(&self.command);
     }
 

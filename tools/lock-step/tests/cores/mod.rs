@@ -10,6 +10,7 @@ use acquisition::homing::Homing;
 use control::law::{Law, LawConfig};
 use control::setpoint_validation::SetpointValidation;
 use experiment::player::{Change, Player, Program};
+use ipc_types::program_flow::{ACQUISITION_CYCLE, CONTROL_CYCLE, signature};
 use ipc_types::{
     AXES, EnableToken, GateState, HomeOrder, MotorCommand, Profile, Sample, Setpoint, Verb,
     WatchdogState, Zeros,
@@ -90,9 +91,7 @@ impl Rig {
                 std::array::from_fn(volts_max),
             )),
             law: Law::new(LawConfig::of_rig(rig)),
-            machine: Interlock::new(Config::for_profile(
-                PROFILE, SESSION, WATCHDOG, &rig.axes, false,
-            )),
+            machine: Interlock::new(Config::for_profile(PROFILE, SESSION, WATCHDOG, rig)),
             player: Player::default(),
             program: Arc::new(Program::new(&protocol, rig).unwrap()),
             validation: SetpointValidation::of_rig(SESSION, rig),
@@ -154,6 +153,7 @@ impl Rig {
                 output_v: output.volts,
                 epoch: output.epoch,
                 token_sequence: output.token_sequence,
+                flow: signature(ACQUISITION_CYCLE, output.token_sequence),
                 command_incarnation: output.command_incarnation,
                 command_sequence: output.command_sequence,
                 gate_state: output.state.code(),
@@ -184,12 +184,14 @@ impl Rig {
         });
         let command = self.law.step(now, &sample, self.setpoint.as_ref(), powered);
         self.cycles.push(Cycle { sample, setpoint: self.setpoint, powered, command });
+        let token_sequence = token.map_or(0, |token| token.sequence);
         let command = MotorCommand {
             session: SESSION,
             incarnation: CONTROL,
             sequence: self.next(1),
             time_ns: now,
-            token_sequence: token.map_or(0, |token| token.sequence),
+            token_sequence,
+            flow: signature(CONTROL_CYCLE, token_sequence),
             epoch: token.map_or(0, |token| token.epoch),
             profile: PROFILE.code(),
             ..command
@@ -217,7 +219,7 @@ impl Rig {
         if let Some(verb) = verb.filter(|_| !tripped) {
             let _refused = self.machine.command(verb, now);
         }
-        let outputs = self.machine.step(now, Peers { launcher_alive: true, keeper_alive: true });
+        let outputs = self.machine.step(now, Peers::ALIVE);
         // The machine counts its tokens itself, and the publisher stamps the same number.
         let token =
             EnableToken { session: SESSION, incarnation: WATCHDOG, time_ns: now, ..outputs.token };

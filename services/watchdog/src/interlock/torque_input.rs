@@ -1,0 +1,76 @@
+//! Whether the analog inputs of the torque cells read what a live sensor can.
+
+use ipc_types::{AXES, Sample, TripCause};
+
+use super::faults::FaultSet;
+
+/// A reading counts as at the end of its range from this share of it on.
+const RAILED: f64 = 0.995;
+/// How long it may be there (ns): 40 scans at 2 kHz, so that a spike of the amplifier is none.
+const RAILED_NS: u64 = 20_000_000;
+
+/// The input of one axis's torque cell.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TorqueInput {
+    /// Index of the analog input.
+    pub channel: usize,
+    /// Its range is ± this (V).
+    pub range_v: f64,
+    /// Longest time without a change of one bit (ns); `None` where it may be any.
+    pub stuck_ns: Option<u64>,
+}
+
+impl TorqueInput {
+    /// The inputs of a rig's torque cells, by axis.
+    pub fn of_rig(rig: &rig::RigFile) -> [Option<Self>; AXES] {
+        std::array::from_fn(|axis| {
+            let cell = rig.axes.get(axis)?.torque?;
+            let channel = rig.channel_at(cell.channel)?;
+            Some(Self {
+                channel: cell.channel,
+                range_v: channel.range_v,
+                stuck_ns: cell.stuck_time_s.map(|seconds| (seconds * 1e9) as u64),
+            })
+        })
+    }
+}
+
+/// Since when an input reads the same, and the end of its range.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct InputMonitor {
+    volts: f64,
+    same_since_ns: Option<u64>,
+    railed_since_ns: Option<u64>,
+}
+
+impl InputMonitor {
+    /// Takes the input's reading in a sample.
+    pub(super) fn observe(&mut self, sample: &Sample, input: &TorqueInput) -> FaultSet {
+        let mut faults = FaultSet::NONE;
+        let present = sample.analog_present & 1 << input.channel != 0;
+        let Some(&volts) = sample.analog_v.get(input.channel).filter(|_| present) else {
+            // An absent channel is a fault of its own.
+            *self = Self::default();
+            return faults;
+        };
+        let now_ns = sample.scan_time_ns;
+        let for_ns = |since: &mut Option<u64>, holds: bool| {
+            if !holds {
+                *since = None;
+            }
+            let since_ns = since.get_or_insert(now_ns);
+            now_ns.saturating_sub(*since_ns)
+        };
+        let railed = volts.abs() >= RAILED * input.range_v;
+        let railed_ns = for_ns(&mut self.railed_since_ns, railed);
+        faults.insert_if(railed && railed_ns > RAILED_NS, TripCause::SensorRailed);
+        let same = volts.to_bits() == self.volts.to_bits();
+        let same_ns = for_ns(&mut self.same_since_ns, same);
+        faults.insert_if(
+            same && input.stuck_ns.is_some_and(|longest| same_ns > longest),
+            TripCause::SensorStuck,
+        );
+        self.volts = volts;
+        faults
+    }
+}
