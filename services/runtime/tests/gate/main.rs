@@ -2,8 +2,10 @@
 //! arbitrary streams.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
+mod checked;
 mod commands;
 mod epochs;
+mod exhaustive;
 mod properties;
 
 use ipc_types::{AXES, EnableToken, GateCause, GateState, MotorCommand, Profile};

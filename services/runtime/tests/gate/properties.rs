@@ -1,87 +1,11 @@
 //! Properties of the gate over arbitrary streams of messages, held against a slow oracle.
 
-use ipc_types::{AXES, EnableToken, GateState, MotorCommand};
+use ipc_types::{EnableToken, GateState, MotorCommand};
 use proptest::prelude::*;
-use runtime::gate::{Gate, GateConfig};
+use runtime::gate::Gate;
 
-use crate::{ACQUISITION, CONTROL, CYCLE, MS, Rig, SESSION, START, WATCHDOG, config};
-
-/// One thing that may happen in front of a gate.
-#[derive(Clone, Debug)]
-enum Act {
-    Token(EnableToken),
-    Command(MotorCommand),
-    Step(i64),
-    WriteFailed,
-}
-
-/// What the slow oracle keeps: everything that ever arrived, in order.
-#[derive(Default)]
-struct Oracle {
-    tokens: Vec<EnableToken>,
-    commands: Vec<MotorCommand>,
-}
-
-impl Oracle {
-    /// Whether these volts may be written now, judged from the whole history.
-    fn allows(
-        &self,
-        config: &GateConfig,
-        now: u64,
-        volts: [f64; AXES],
-    ) -> Result<(), &'static str> {
-        let ensure = |holds: bool, what: &'static str| if holds { Ok(()) } else { Err(what) };
-        let token = self.tokens.last().ok_or("no token")?;
-        let command = self.commands.last().ok_or("no command")?;
-        ensure(command.volts == volts, "not the newest command's volts")?;
-        ensure(token.session == config.session && command.session == config.session, "session")?;
-        ensure(token.enabled == 1, "not enabled")?;
-        ensure(token.incarnation == token.watchdog_incarnation, "token's sender")?;
-        ensure(
-            token.acquisition_incarnation == config.acquisition_incarnation,
-            "token's receiver",
-        )?;
-        ensure(token.control_incarnation == command.incarnation, "command's sender")?;
-        let age = |then: u64| i128::from(now) - i128::from(then);
-        let future = -i128::from(config.future_ns);
-        ensure(
-            age(token.issued_ns) >= future && age(token.time_ns) >= future,
-            "token from the future",
-        )?;
-        ensure(age(token.issued_ns) <= i128::from(config.token_life_ns), "token too old")?;
-        ensure(age(token.valid_until_ns) <= 0, "token expired")?;
-        let life = i128::from(token.valid_until_ns) - i128::from(token.issued_ns);
-        ensure((0..=i128::from(config.token_life_ns)).contains(&life), "token's life")?;
-        ensure(
-            age(command.computed_ns) >= future && age(command.time_ns) >= future,
-            "command from the future",
-        )?;
-        ensure(age(command.computed_ns) <= i128::from(config.command_life_ns), "command too old")?;
-        let sample_age = age(command.sample_time_ns);
-        ensure(
-            sample_age >= future && sample_age <= i128::from(config.max_sample_age_ns),
-            "sample's age",
-        )?;
-        let withdrawn = |earlier: &EnableToken| {
-            earlier.enabled != 1
-                && earlier.session == config.session
-                && earlier.incarnation == earlier.watchdog_incarnation
-                && earlier.epoch >= token.epoch
-        };
-        ensure(!self.tokens.iter().any(withdrawn), "withdrawn before")?;
-        // In sequence: nothing of the same sender that came before has a higher or the same number
-        // (but the same message again), within this session.
-        let earlier = &self.tokens[..self.tokens.len() - 1];
-        ensure(
-            !earlier.iter().rev().take_while(|t| t.epoch == token.epoch && *t != token).any(|t| {
-                t.session == token.session
-                    && t.incarnation == token.incarnation
-                    && t.sequence >= token.sequence
-            }),
-            "token out of sequence",
-        )
-    }
-}
+use crate::checked::{Act, Checked};
+use crate::{ACQUISITION, CONTROL, CYCLE, MS, Rig, SESSION, WATCHDOG, config};
 
 fn tokens() -> impl Strategy<Value = EnableToken> {
     let time = -8_000_000i64..2_000_000;
@@ -185,68 +109,10 @@ proptest! {
     /// never beyond the limits, and never again for an epoch that was ended.
     #[test]
     fn sr_10_no_stream_of_messages_gets_volts_past_the_gate_unlawfully(acts in acts()) {
-        let config = config();
-        let mut gate = Gate::new(config);
-        let mut oracle = Oracle::default();
-        let mut now = START;
-        let mut sequences = [100u64, 100];
-        let mut ended = 0u64;
-        let mut last_state = GateState::Closed;
-        let mut last_epoch = 0;
-        let mut stepped = false;
+        let mut checked = Checked::new();
         for act in acts {
-            match act {
-                Act::Token(mut token) => {
-                    // The sequence mostly rises; 0 of the strategy repeats it.
-                    sequences[0] += token.sequence;
-                    token.sequence = sequences[0];
-                    token.issued_ns = now.wrapping_add(token.issued_ns);
-                    token.valid_until_ns = token.issued_ns.saturating_add(token.valid_until_ns);
-                    token.time_ns = token.issued_ns;
-                    oracle.tokens.push(token);
-                    gate.observe_token(&token);
-                }
-                Act::Command(mut command) => {
-                    sequences[1] += command.sequence;
-                    command.sequence = sequences[1];
-                    command.computed_ns = now.wrapping_add(command.computed_ns);
-                    command.sample_time_ns = now.wrapping_sub(command.sample_time_ns);
-                    command.time_ns = command.computed_ns;
-                    oracle.commands.push(command);
-                    gate.observe_command(&command);
-                }
-                Act::WriteFailed => {
-                    gate.write_failed();
-                    if last_state == GateState::Open {
-                        ended = ended.max(last_epoch);
-                    }
-                }
-                Act::Step(by) => {
-                    let backwards = by < 0;
-                    now = now.wrapping_add(by as u64);
-                    let output = gate.step(now);
-                    for (volts, limit) in output.volts.iter().zip([5.0, 3.0, 0.0]) {
-                        let allowed = volts.is_finite() && volts.abs() <= limit;
-                        prop_assert!(allowed, "{:?} V", output.volts);
-                    }
-                    if output.state == GateState::Open {
-                        let epoch = oracle.tokens.last().unwrap().epoch;
-                        // The first step knows of no time before it.
-                        prop_assert!(!backwards || !stepped, "open although time went backwards");
-                        prop_assert!(epoch > ended, "open for {epoch}, ended up to {ended}");
-                        if let Err(what) = oracle.allows(&config, now, output.volts) {
-                            return Err(TestCaseError::fail(what));
-                        }
-                        last_epoch = epoch;
-                    } else {
-                        prop_assert_eq!(output.volts, [0.0; AXES]);
-                        if last_state == GateState::Open {
-                            ended = ended.max(last_epoch);
-                        }
-                    }
-                    last_state = output.state;
-                    stepped = true;
-                }
+            if let Err(what) = checked.act(&act) {
+                return Err(TestCaseError::fail(what));
             }
         }
     }
