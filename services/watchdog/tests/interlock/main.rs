@@ -2,6 +2,8 @@
 //! properties.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
+mod checked;
+mod exhaustive;
 mod faults;
 mod homing;
 mod plausibility;

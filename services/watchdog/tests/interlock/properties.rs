@@ -1,37 +1,11 @@
 //! Properties of the interlock over arbitrary sequences of messages, verbs and steps.
 
-use ipc_types::{
-    GateState, Message, MotorCommand, Profile, Sample, TripCause, Verb, WatchdogState,
-};
+use ipc_types::{Message, MotorCommand, Profile, Sample, Verb};
 use proptest::prelude::*;
-use watchdog::interlock::{FaultAction, Interlock, Peers, action_of};
+use watchdog::interlock::{Interlock, Peers};
 
-use crate::world::{MS, SESSION, World, config};
-
-#[derive(Clone, Debug)]
-enum Act {
-    Cycles(u8),
-    Verb(Verb),
-    Late(u64),
-    Backwards(u64),
-    Acquisition(bool),
-    Control(bool),
-    Launcher(bool),
-    Keeper(bool),
-    GateObeys(bool),
-    Gate(u8),
-    Position(f64),
-    Counts(i64),
-    Volts(f64),
-    Torque(f64),
-    Present(u8),
-    AcquisitionRestarts,
-    ControlRestarts,
-    WatchdogRestarts,
-    Session(u64),
-    Sequence(u64),
-    Backend(u8),
-}
+use crate::checked::{Act, Checked};
+use crate::world::{SESSION, config};
 
 fn number() -> impl Strategy<Value = f64> {
     prop_oneof![6 => Just(0.0), 2 => -2.0..2.0f64, 1 => any::<f64>(), 1 => Just(f64::NAN)]
@@ -70,15 +44,6 @@ fn act() -> impl Strategy<Value = Act> {
     ]
 }
 
-/// What a person did since the last fault, judged without looking into the interlock.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-enum Steps {
-    Nothing,
-    Reset,
-    Armed,
-    Enabled,
-}
-
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(1_000))]
 
@@ -91,83 +56,10 @@ proptest! {
         acts in prop::collection::vec(act(), 1..150),
     ) {
         let profile = if realtime { Profile::Realtime } else { Profile::BestEffort };
-        let mut world = World::new(profile);
-        world.cycles(30);
-        let mut steps = Steps::Nothing;
-        let mut last_epoch = 0;
+        let mut checked = Checked::new(profile);
         for act in acts {
-            match act {
-                Act::Verb(verb) => {
-                    let answer = world.verb(verb);
-                    steps = match (verb, answer.is_ok(), steps) {
-                        (Verb::Estop, ..) => Steps::Nothing,
-                        (Verb::Disarm, _, steps) => steps.min(Steps::Reset),
-                        (Verb::Reset, true, Steps::Nothing | Steps::Reset) => Steps::Reset,
-                        (Verb::Arm, true, Steps::Reset) => Steps::Armed,
-                        (Verb::Enable, true, Steps::Armed) => Steps::Enabled,
-                        (verb, true, steps) => {
-                            let what = format!("{verb:?} done after {steps:?}");
-                            return Err(TestCaseError::fail(what));
-                        }
-                        (_, false, steps) => steps,
-                    };
-                    if verb == Verb::Enable && answer.is_ok() {
-                        let token = world.step().token;
-                        prop_assert!(token.epoch > last_epoch, "{} <= {last_epoch}", token.epoch);
-                        last_epoch = token.epoch;
-                    }
-                }
-                Act::Cycles(count) => {
-                    for _ in 0..count {
-                        world.cycle();
-                        let token = world.token;
-                        let faults = token.faults;
-                        let tripping = TripCause::ALL.iter().any(|&cause| {
-                            let active = faults & (1 << cause.code()) != 0;
-                            active && action_of(cause) != FaultAction::Blocks
-                        });
-                        prop_assert!(token.enabled == 0 || !tripping, "faults {faults:#b}");
-                        prop_assert!(token.enabled == 0 || token.epoch == last_epoch);
-                        let state = world.interlock.state();
-                        if matches!(state, WatchdogState::Faulted | WatchdogState::Tripped) {
-                            steps = Steps::Nothing;
-                        }
-                        let enabled = state == WatchdogState::Enabled;
-                        prop_assert_eq!(enabled, steps == Steps::Enabled);
-                    }
-                }
-                Act::Late(by) => world.now += by * MS,
-                Act::Backwards(by) => world.now -= by * MS,
-                Act::Acquisition(runs) => world.acquisition_runs = runs,
-                Act::Control(runs) => world.control_runs = runs,
-                Act::Launcher(alive) => world.peers.launcher_alive = alive,
-                Act::Keeper(alive) => world.peers.keeper_alive = alive,
-                Act::GateObeys(obeys) => world.gate_obeys = obeys,
-                Act::Gate(state) => world.sample.gate_state = state,
-                Act::Position(position) => world.sample.master_position[0] = position,
-                Act::Counts(counts) => world.sample.master_counts[0] = counts,
-                Act::Volts(volts) => world.command.volts[0] = volts,
-                Act::Torque(torque) => world.sample.slave_torque[0] = torque,
-                Act::Present(present) => world.sample.master_present = present,
-                Act::AcquisitionRestarts => {
-                    world.sample.incarnation += 1;
-                    world.sample.sequence = 0;
-                    world.sample.gate_state = GateState::Closed.code();
-                    world.sample.epoch = 0;
-                }
-                Act::ControlRestarts => {
-                    world.command.incarnation += 1;
-                    world.command.sequence = 0;
-                }
-                Act::WatchdogRestarts => {
-                    world.interlock = Interlock::new(config(profile));
-                    steps = Steps::Nothing;
-                }
-                Act::Session(session) => world.sample.session = session,
-                Act::Sequence(back) => {
-                    world.command.sequence = world.command.sequence.saturating_sub(back);
-                }
-                Act::Backend(backend) => world.sample.backend = backend,
+            if let Err(what) = checked.act(&act) {
+                return Err(TestCaseError::fail(what));
             }
         }
     }

@@ -55,6 +55,7 @@ pub(crate) fn config(profile: Profile) -> Config {
 }
 
 /// A healthy rig around the interlock: a card, a gate and a control process.
+#[derive(Clone)]
 pub(crate) struct World {
     pub(crate) interlock: Interlock,
     pub(crate) now: u64,
