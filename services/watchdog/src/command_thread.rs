@@ -15,8 +15,8 @@ use rustix::process::{Pid, PidfdFlags, pidfd_open};
 use rustix::time::Timespec;
 
 use crate::clock_of_day::ClockOfDay;
-use crate::interlock::Refusal;
 use crate::logger_watch::LoggerWatch;
+use crate::verb_exchange::VerbExchange;
 
 /// Period of the thread.
 const PERIOD: Duration = Duration::from_millis(2);
@@ -30,10 +30,8 @@ const HANG_NS: u64 = 1_000_000_000;
 /// What the loop and the command thread share. Nothing here blocks.
 #[derive(Debug)]
 pub(crate) struct Shared {
-    /// Verbs for the loop.
-    pub(crate) verbs: ArrayQueue<Verb>,
-    /// Their results.
-    pub(crate) answers: ArrayQueue<Result<WatchdogState, Refusal>>,
+    /// Verbs for the loop, and their answers.
+    pub(crate) verbs: VerbExchange,
     /// The launcher is alive, or there never was one.
     pub(crate) launcher: AtomicBool,
     /// The keeper is alive.
@@ -53,8 +51,7 @@ pub(crate) struct Shared {
 impl Shared {
     pub(crate) fn new() -> Self {
         Self {
-            verbs: ArrayQueue::new(1),
-            answers: ArrayQueue::new(1),
+            verbs: VerbExchange::new(),
             launcher: AtomicBool::new(true),
             keeper: AtomicBool::new(true),
             logger: AtomicBool::new(true),
@@ -198,20 +195,17 @@ fn answer(verb: Verb, shared: &Shared) -> VerbAnswer {
         WatchdogState::from_code(shared.state.load(Ordering::Relaxed))
             .unwrap_or(WatchdogState::Faulted)
     };
-    // Discards a late answer to an earlier verb.
-    while shared.answers.pop().is_some() {}
     let refused = |reason: String| VerbAnswer { done: false, state: state(), reason };
-    if shared.verbs.push(verb).is_err() {
+    let Some(ticket) = shared.verbs.ask(verb) else {
         return refused("the watchdog is still executing an earlier command".to_owned());
-    }
+    };
     let asked = Instant::now();
     loop {
-        match shared.answers.pop() {
+        match shared.verbs.answer_to(&ticket) {
             Some(Ok(state)) => return VerbAnswer { done: true, state, reason: String::new() },
             Some(Err(refusal)) => return refused(refusal.to_string()),
             None if asked.elapsed() > VERB_LIMIT => {
-                // Taken back, so that it is not executed later, unseen by the operator.
-                let taken_back = shared.verbs.pop().is_some();
+                let taken_back = shared.verbs.give_up(ticket);
                 let what = if taken_back { "it was not executed" } else { "check the state" };
                 return refused(format!("the watchdog's loop did not answer; {what}"));
             }
@@ -223,13 +217,14 @@ fn answer(verb: Verb, shared: &Shared) -> VerbAnswer {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::interlock::Refusal;
 
     #[test]
     fn a_verb_that_the_loop_does_not_execute_is_taken_back() {
         let shared = Shared::new();
         let said = answer(Verb::Enable, &shared);
         assert!(!said.done && said.reason.contains("not executed"), "{said:?}");
-        assert!(shared.verbs.is_empty());
+        assert!(shared.verbs.take().is_none());
     }
 
     #[test]
@@ -237,10 +232,13 @@ mod tests {
         let shared = Arc::new(Shared::new());
         let inner = Arc::clone(&shared);
         let loop_thread = std::thread::spawn(move || {
-            while inner.verbs.pop().is_none() {
-                std::thread::yield_now();
-            }
-            inner.answers.push(Err(Refusal::Moving)).unwrap();
+            let order = loop {
+                match inner.verbs.take() {
+                    Some(order) => break order,
+                    None => std::thread::yield_now(),
+                }
+            };
+            inner.verbs.answer(order, Err(Refusal::Moving));
         });
         let said = answer(Verb::Arm, &shared);
         loop_thread.join().unwrap();

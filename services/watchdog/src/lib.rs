@@ -9,5 +9,6 @@ mod command_thread;
 pub mod interlock;
 mod logger_watch;
 mod process;
+mod verb_exchange;
 
 pub use process::{WatchdogError, run};

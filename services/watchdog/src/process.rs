@@ -87,9 +87,8 @@ pub fn run(rig_name: &str, rig: &RigFile) -> Result<(), WatchdogError> {
             logger_alive: shared.logger.load(Ordering::Relaxed),
         };
         let now = now_ns();
-        if let Some(verb) = shared.verbs.pop() {
-            // Only one answer is ever awaited: the queue has a place for it.
-            let _queued = shared.answers.push(interlock.command(verb, now));
+        if let Some(order) = shared.verbs.take() {
+            shared.verbs.answer(order, interlock.command(order.verb, now));
         }
         let outputs = interlock.step(now, peers);
         shared.state.store(interlock.state().code(), Ordering::Relaxed);
