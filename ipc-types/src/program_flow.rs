@@ -156,7 +156,7 @@ mod tests {
 
     #[test]
     fn the_signature_is_that_of_the_published_recipe() {
-        // Computed from the recipe by another program, so that a program in another language has a value to
+        // Computed by another program from the recipe: values for a program in another language to
         // check itself against.
         assert_eq!(signature(CONTROL_CYCLE, 0), 0xe9f5);
         assert_eq!(signature(ACQUISITION_CYCLE, 1_000_000), 0x4c8d);

@@ -41,8 +41,8 @@ const KEYS: Keys = &[
     ("offset_v", "Reading without torque."),
     (
         "stuck_time_s",
-        "A reading that does not change by one bit for so long trips; not watched, if left out. For \
-         sensors whose noise is more than one count of the converter.",
+        "A reading that does not change by one bit for so long trips; not watched, if left out. \
+         For sensors whose noise is more than one count of the converter.",
     ),
 ];
 

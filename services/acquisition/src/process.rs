@@ -2,8 +2,8 @@
 
 use ipc_types::program_flow::{Checkpoint, Flow};
 use ipc_types::{
-    AXES, COMMAND, EventKind, HOME_ORDER, HomeOrder, Process, SAMPLE, SCANNER, SYNC_ORDER, Sample,
-    Severity, SyncOrder, TOKEN,
+    AXES, COMMAND, EnableToken, EventKind, HOME_ORDER, HomeOrder, MotorCommand, Process, SAMPLE,
+    SCANNER, SYNC_ORDER, Sample, Severity, SyncOrder, TOKEN,
 };
 use rig::RigFile;
 use runtime::clock::now_ns;
@@ -190,15 +190,7 @@ fn run_loop(
     let mut cycles = || -> Result<(), AcquisitionError> {
         while !service.stopping() {
             let Some(wake) = grid.wait() else { continue };
-            let mut flow = Flow::default();
-            while let Some(token) = tokens.take()? {
-                gate.observe_token(&token);
-            }
-            flow.pass(Checkpoint::TokensTaken);
-            while let Some(command) = commands.take()? {
-                gate.observe_command(&command);
-            }
-            flow.pass(Checkpoint::CommandsTaken);
+            let mut flow = receive(&mut gate, &mut tokens, &mut commands)?;
             sync.cycle(service, daq)?;
             let mut output = gate.step(now_ns());
             flow.pass(Checkpoint::GateStepped);
@@ -259,6 +251,24 @@ fn run_loop(
     zeroed?;
     service.end()?;
     Ok(())
+}
+
+/// Shows the gate every token and command; the beginning of a cycle.
+fn receive(
+    gate: &mut Gate,
+    tokens: &mut Subscriber<EnableToken>,
+    commands: &mut Subscriber<MotorCommand>,
+) -> Result<Flow, PortError> {
+    let mut flow = Flow::default();
+    while let Some(token) = tokens.take()? {
+        gate.observe_token(&token);
+    }
+    flow.pass(Checkpoint::TokensTaken);
+    while let Some(command) = commands.take()? {
+        gate.observe_command(&command);
+    }
+    flow.pass(Checkpoint::CommandsTaken);
+    Ok(flow)
 }
 
 /// Writes what the gate did into the sample, and the checkpoints that its cycle has passed.
