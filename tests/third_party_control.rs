@@ -1,10 +1,12 @@
-//! A process written by others replaces control. It is built from `ipc-types` and `runtime` alone:
-//! it knows the topics, and nothing of farreach's own control.
+//! A process written by others replaces control: one in Rust, built from `ipc-types` and `runtime`
+//! alone, and one in Python, from the published files alone (docs/replacing.md). Both know the
+//! topics, and nothing of farreach's own control.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 mod common;
 
 use std::io::{BufRead, BufReader};
+use std::path::Path;
 use std::process::{Child, Command, Stdio};
 
 use common::monitor::{LIMIT, Monitor};
@@ -14,6 +16,8 @@ use ipc_types::{AXES, COMMAND, GateState, MotorCommand, Process, SAMPLE, TOKEN, 
 use launch::UnitState;
 use runtime::{Grid, Service};
 
+/// A Python with the package iceoryx2; without it the test of that stand-in is skipped.
+const PYTHON: &str = "FARREACH_PYTHON";
 /// Name of the rig, for the child.
 const CHILD: &str = "FARREACH_THIRD_PARTY";
 /// Target position (rad), gain (V/rad) and voltage limit (V) of the third-party control.
@@ -84,10 +88,24 @@ struct StandIn {
 }
 
 impl StandIn {
-    fn start(rig: &TestRig) -> Self {
-        let mut child = Command::new(std::env::current_exe().unwrap())
-            .args(["--exact", "third_party_process", "--ignored", "--nocapture"])
-            .env(CHILD, rig.name().as_str())
+    /// This test binary, started again.
+    fn rust(rig: &TestRig) -> Self {
+        let mut command = Command::new(std::env::current_exe().unwrap());
+        command.args(["--exact", "third_party_process", "--ignored", "--nocapture"]);
+        Self::start(rig, command.env(CHILD, rig.name().as_str()))
+    }
+
+    /// The program in Python.
+    fn python(rig: &TestRig, python: &str) -> Self {
+        let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+        let mut command = Command::new(python);
+        command.arg(root.join("tests/stand_in/control.py"));
+        command.arg("--schemas").arg(root.join("docs/schemas"));
+        Self::start(rig, command.args(["--target-rad", "0.6", "--gain-v-per-rad", "12"]))
+    }
+
+    fn start(rig: &TestRig, command: &mut Command) -> Self {
+        let mut child = command
             // So that it is found and killed with the rig if this test fails.
             .env("FARREACH_RIG_NAME", rig.name().as_str())
             .env_remove("NOTIFY_SOCKET")
@@ -113,7 +131,21 @@ impl Drop for StandIn {
 
 #[test]
 fn control_can_be_replaced_with_the_message_types_alone() {
-    let rig = TestRig::new("third-party");
+    control_is_replaced("third-party", StandIn::rust);
+}
+
+#[test]
+fn control_can_be_replaced_from_python_with_the_published_files_alone() {
+    let Ok(python) = std::env::var(PYTHON) else {
+        eprintln!("SKIPPED: {PYTHON} names no Python with the package iceoryx2");
+        return;
+    };
+    control_is_replaced("third-party-py", |rig| StandIn::python(rig, &python));
+}
+
+/// Takes a rig's control out, puts another one in, gives it power, and takes it out again.
+fn control_is_replaced(name: &str, start: impl Fn(&TestRig) -> StandIn) {
+    let rig = TestRig::new(name);
     rig.up_homed();
     let monitor = Monitor::join(rig.name());
     monitor.power_up(&rig);
@@ -136,7 +168,7 @@ fn control_can_be_replaced_with_the_message_types_alone() {
     // A third-party control starts. That alone changes nothing for the motor.
     monitor.lead(false);
     let marked_ns = monitor.mark();
-    let third_party = StandIn::start(&rig);
+    let third_party = start(&rig);
     monitor.until("the third-party control's commands", |seen| {
         seen.command.is_some_and(|command| {
             command.incarnation == third_party.incarnation && command.time_ns > marked_ns
