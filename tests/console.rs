@@ -191,18 +191,21 @@ async fn match_force_and_stop(operator: &Tab, subject: &Tab, files: &str) -> boo
         return false;
     }
     // The bar moves: it is set anew each second.
-    let mut heights = BTreeSet::new();
+    let (mut heights, mut mirrored) = (BTreeSet::new(), false);
     let begun = Instant::now();
-    while heights.len() < 2 && begun.elapsed() < Duration::from_secs(4) {
-        let shown = "document.querySelector('#view .tracks').dataset.heights || ''";
-        heights.insert(subject.value::<String>(shown).await);
+    while (heights.len() < 2 || !mirrored) && begun.elapsed() < Duration::from_secs(4) {
+        let bar = |page| format!("document.querySelector('{page} .tracks')?.dataset.heights || ''");
+        heights.insert(subject.value::<String>(&bar("#view")).await);
         heights.remove("");
+        mirrored |= !operator.value::<String>(&bar("#mirror")).await.is_empty();
         tokio::time::sleep(Duration::from_millis(50)).await;
+    }
+    if operator.value::<bool>(TRIPPED).await {
+        return false;
     }
     subject.picture("subject-bar").await;
     operator.picture("operator-session").await;
-    let mirrored = "document.querySelector('#mirror .tracks').dataset.heights";
-    assert!(!operator.value::<String>(mirrored).await.is_empty(), "no bar on the operator's page");
+    assert!(mirrored, "no bar on the operator's page");
     operator.0.find_element("body").await.unwrap().press_key("Escape").await.unwrap();
     operator.wait(LONG, &format!("{TRIPPED} || {}", note_has("was stopped"))).await;
     if operator.value::<bool>(TRIPPED).await {
