@@ -5,7 +5,7 @@ use std::ffi::{OsStr, OsString};
 use std::io::ErrorKind;
 use std::os::unix::fs::MetadataExt;
 use std::os::unix::process::CommandExt;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::{Command, Stdio};
 
 use ipc_types::{CardKind, Process, processes_with};
@@ -161,7 +161,7 @@ fn with_name(name: &RigName, given: Vec<OsString>) -> Vec<OsString> {
 
 /// Whether the shared memory of that user's rig is gone.
 pub(crate) fn is_gone(name: &RigName, user: u32) -> bool {
-    !Path::new(&name.directory_of(user)).exists()
+    !name.directory_of(user).exists()
 }
 
 #[cfg(test)]
