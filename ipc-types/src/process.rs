@@ -44,7 +44,11 @@ processes! {
         topics: [],
         silence_s: 5,
         stop_s: 5,
-        unit: "# Finds out whether real-time scheduling is granted to the rig; itself it runs \
+        unit: "# Describes the rig to `farreach status`, `run` and the console, and what it was \
+               started with to\n# the other units, in the rig's folder below /run, which goes \
+               when the rig goes down.\nEnvironment=FARREACH_SYSTEMD=yes\n\
+               RuntimeDirectory=farreach/%i\nRuntimeDirectoryPreserve=restart\n\
+               # Finds out whether real-time scheduling is granted to the rig; itself it runs \
                without.\nLimitRTPRIO=90\n",
     };
     /// The simulated card with the simulated plant behind it.
@@ -103,6 +107,9 @@ processes! {
         optional: true,
         silence_s: 5,
         oom_score: 0,
+        network: true,
+        unit: "# /etc/farreach/%i/environment may name another address.\n\
+               Environment=FARREACH_CONSOLE=127.0.0.1:8321\n",
     };
     /// Runs the declared model beside the machine and tells when the machine departs from it.
     Monitor = 10, "monitor" {
@@ -137,6 +144,8 @@ pub struct ProcessEntry {
     pub stop_s: u32,
     /// `oom_score_adj`: the lower, the later the kernel ends it when memory runs out.
     pub oom_score: i32,
+    /// Whether it is reached through the network.
+    pub network: bool,
     /// Further lines of its unit file's `[Service]` section, for systemd alone.
     pub unit: &'static str,
 }
@@ -151,6 +160,7 @@ const STANDARD: ProcessEntry = ProcessEntry {
     silence_s: 2,
     stop_s: 3,
     oom_score: -900,
+    network: false,
     unit: "",
 };
 

@@ -1,4 +1,5 @@
-//! The calls of the command line: `start`, `stop`, `status`, `restart`.
+//! The calls of the command line: `start`, `stop`, `status`, `restart`; those on a rig that systemd
+//! supervises go to [`crate::systemd`].
 
 use std::collections::BTreeMap;
 use std::io::{BufRead, BufReader};
@@ -15,7 +16,7 @@ use rustix::process::Signal;
 use crate::control_socket::{Answer, Request, send};
 use crate::status::{RigState, Status, StopReport, UnitState};
 use crate::supervisor::{Supervisor, prepare};
-use crate::{Config, Error, Leftover, ProcessIdentity, RunDir, StartError, log, process};
+use crate::{Config, Error, Leftover, ProcessIdentity, RunDir, StartError, log, process, systemd};
 
 /// Time after which a launcher that does not answer counts as hung (s).
 const ANSWER_SECONDS: u64 = 5;
@@ -122,6 +123,9 @@ fn why_it_ended(run_dir: &RunDir, status: std::io::Result<ExitStatus>) -> Error 
 /// [`Error::NotUp`] if there is neither a launcher nor a living process.
 pub fn status(run_dir: &Path) -> Result<Status, Error> {
     let directory = RunDir::new(run_dir);
+    if let Some(rig) = systemd::rig_of(&directory) {
+        return systemd::status(&rig);
+    }
     let not_up = || Error::NotUp { run_dir: run_dir.to_path_buf() };
     let mut status = directory.last_status()?.ok_or_else(not_up)?;
     if status.launcher.is_alive() {
@@ -148,6 +152,9 @@ pub fn stop(run_dir: &Path) -> Result<StopReport, Error> {
     let path = std::path::absolute(run_dir)
         .map_err(|source| Error::io("make absolute", run_dir, source))?;
     let directory = RunDir::new(path);
+    if let Some(rig) = systemd::rig_of(&directory) {
+        return systemd::stop(&rig);
+    }
     if directory.is_held()? {
         match ask_to_stop(&directory) {
             Ok(report) => return Ok(report),
@@ -235,6 +242,10 @@ pub fn change(
     environment: BTreeMap<String, String>,
     units: &[String],
 ) -> Result<(), Error> {
+    let directory = RunDir::new(run_dir);
+    if systemd::rig_of(&directory).is_some() {
+        return systemd::change(&directory, environment, units);
+    }
     ask(run_dir, &Request::Change { environment, units: units.to_vec() })
 }
 
@@ -243,6 +254,9 @@ pub fn change(
 /// # Errors
 /// If there is no launcher or no such unit, or the rig is not up.
 pub fn restart(run_dir: &Path, unit: &str) -> Result<(), Error> {
+    if let Some(rig) = systemd::rig_of(&RunDir::new(run_dir)) {
+        return systemd::restart(&rig, unit);
+    }
     ask(run_dir, &Request::Restart { unit: unit.to_owned() })
 }
 

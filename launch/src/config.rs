@@ -7,6 +7,7 @@ use ipc_types::ProcessEntry;
 use serde::{Deserialize, Serialize};
 
 use crate::Error;
+use crate::supervision::Supervision;
 use crate::units::{Unit, in_order};
 
 /// What to launch, and where.
@@ -26,6 +27,9 @@ pub struct Config {
     /// Whether the launcher's own messages go to standard error as well as to `launcher.log`.
     #[serde(default)]
     pub foreground: bool,
+    /// Who supervises the rig.
+    #[serde(default)]
+    pub supervision: Supervision,
 }
 
 impl Config {
@@ -42,6 +46,7 @@ impl Config {
             units: Vec::new(),
             environment: BTreeMap::new(),
             foreground: false,
+            supervision: Supervision::Launcher,
         }
     }
 

@@ -115,6 +115,22 @@ pub enum Error {
         /// Why.
         reason: String,
     },
+    /// `systemctl` failed, or is not there.
+    #[error("`{command}` failed: {message}")]
+    Systemctl {
+        /// The command.
+        command: String,
+        /// What it said.
+        message: String,
+    },
+    /// systemd lets only root, or whom a rule of polkit or sudo names, start and stop units.
+    #[error("systemd refused ({message}); as root: {command}")]
+    NotPermitted {
+        /// What root is to enter.
+        command: String,
+        /// What was said.
+        message: String,
+    },
     /// A socket's path does not fit into a socket address.
     #[error(
         "{path} has {length} bytes, and a socket's path has room for 107; choose a shorter run \

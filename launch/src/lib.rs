@@ -34,7 +34,9 @@ mod process;
 mod run_dir;
 mod scheduling;
 mod status;
+mod supervision;
 mod supervisor;
+pub mod systemd;
 pub mod units;
 
 pub use client::{Running, change, restart, start, status, stop};
@@ -44,4 +46,5 @@ pub use identity::{ProcessIdentity, boot_id};
 pub use run_dir::RunDir;
 pub use scheduling::Scheduling;
 pub use status::{Leftover, RigState, Status, StopReport, UnitState, UnitStatus, UnitStop};
+pub use supervision::Supervision;
 pub use supervisor::{launcher_main, supervise};

@@ -5,6 +5,7 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use serde::{Deserialize, Serialize};
 
+use crate::supervision::Supervision;
 use crate::{ProcessIdentity, Scheduling};
 
 /// State of the whole rig.
@@ -80,7 +81,7 @@ pub struct UnitStatus {
     pub scheduling: Option<Scheduling>,
     /// The process's own status (`STATUS=`).
     pub status_text: Option<String>,
-    /// Its log file.
+    /// Its log file; empty under systemd, where the journal has it.
     pub log: PathBuf,
 }
 
@@ -89,11 +90,14 @@ pub struct UnitStatus {
 pub struct Status {
     /// Name of the rig.
     pub rig_name: String,
+    /// Who supervises it.
+    #[serde(default)]
+    pub supervision: Supervision,
     /// State.
     pub state: RigState,
     /// Why it is stopping or was aborted.
     pub cause: Option<String>,
-    /// The launcher's process.
+    /// The launcher's process; that of systemd is number 1.
     pub launcher: ProcessIdentity,
     /// Boot of the computer in which the start times are valid.
     pub boot_id: String,

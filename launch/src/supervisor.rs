@@ -20,7 +20,7 @@ use crate::log::{self, Journal};
 use crate::notify::{Notification, NotifySocket};
 use crate::process::{self, Process};
 use crate::status::{RigState, Status, StopReport, UnitState, UnitStatus, UnitStop, unix_ms};
-use crate::{Config, Error, ProcessIdentity, RunDir, Scheduling, StartError, boot_id};
+use crate::{Config, Error, ProcessIdentity, RunDir, Scheduling, StartError, Supervision, boot_id};
 
 /// `status.json` is written at least this often.
 const STATUS_PERIOD: Duration = Duration::from_millis(200);
@@ -121,6 +121,7 @@ impl Supervisor {
             lifecycle: Lifecycle::new(&config.units),
             status: Status {
                 rig_name: config.rig_name.clone(),
+                supervision: Supervision::Launcher,
                 state: RigState::Starting,
                 cause: None,
                 launcher: identity,

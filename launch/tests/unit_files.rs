@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use ipc_types::{PROCESSES, ProcessEntry};
+use ipc_types::{PROCESSES, Process, ProcessEntry};
 use launch::lifecycle::{NO_RESTART, RESTART_DELAY, START_LIMIT, START_LIMIT_INTERVAL};
 use launch::units::{PRIORITY_LIMIT, START_PRIORITY, SchedulingPolicy, Unit};
 
@@ -39,6 +39,8 @@ fn service(entry: &ProcessEntry) -> String {
         format!("{WAITS}Wants=farreach-keeper@%i.service\n{}", list("After", &after))
     };
     let class = entry.real_time.map_or("", |_| CLASS);
+    // The keeper writes the second file of variables.
+    let passed_on = if after.is_empty() { "" } else { PASSED_ON };
     let wanted_on = match (entry.card, entry.optional) {
         (Some(card), _) => Some(format!("wanted on a rig with the {card} card")),
         (None, true) => Some("where it is wanted".to_owned()),
@@ -54,14 +56,38 @@ fn service(entry: &ProcessEntry) -> String {
     format!(
         "# {}\n{only}{GENERATED}\n[Unit]\nDescription=farreach %i: {name}\n{waits}{PART_OF}\n\
          [Service]\nType=notify\nNotifyAccess=main\n\
-         ExecStart=/usr/local/bin/farreach service {name}\n{PLACES}{}{class}LimitMEMLOCK=infinity\n\
+         # In /usr/local/bin, or else in /usr/bin.\nExecStart=farreach service {name}\n\
+         {PLACES}{passed_on}{}{class}LimitMEMLOCK=infinity\n\
          OOMScoreAdjust={}\nTimeoutStartSec=10s\nTimeoutStopSec={}s\nWatchdogSec={}s\n\
-         {ENDS}{install}",
+         {ENDS}{}{install}",
         entry.process.about().replace(". ", ".\n# "),
         entry.unit,
         entry.oom_score,
         entry.stop_s,
         entry.silence_s,
+        rights(entry),
+    )
+}
+
+/// What a process may do and reach: its own user, two capabilities where it has a loop, the devices
+/// of its loop, and nothing else.
+fn rights(entry: &ProcessEntry) -> String {
+    let schedules = entry.real_time.is_some() || entry.process == Process::Keeper;
+    let capabilities = if schedules { "CAP_SYS_NICE CAP_IPC_LOCK" } else { "" };
+    let mut devices = String::new();
+    if entry.real_time.is_some() {
+        devices += "DeviceAllow=/dev/cpu_dma_latency rw\n";
+    }
+    if entry.process == Process::Acquisition {
+        devices += "DeviceAllow=char-comedi rw\n";
+    }
+    let network = match entry.network {
+        true => "RestrictAddressFamilies=AF_UNIX AF_INET AF_INET6\n",
+        false => "RestrictAddressFamilies=AF_UNIX\nPrivateNetwork=yes\n",
+    };
+    format!(
+        "{USER}CapabilityBoundingSet={capabilities}\nAmbientCapabilities={capabilities}\n{CLOSED}\
+         DevicePolicy=closed\n{devices}{network}"
     )
 }
 
@@ -80,11 +106,42 @@ StartLimitIntervalSec=20s
 StartLimitBurst=10
 ";
 const PLACES: &str = "\
-Environment=FARREACH_RIG_NAME=%i FARREACH_RUN_DIR=/run/farreach/%i
+Environment=FARREACH_RIG_NAME=%i FARREACH_RIG=/etc/farreach/%i/rig.toml
 EnvironmentFile=/etc/farreach/%i/environment
-RuntimeDirectory=farreach/%i
-RuntimeDirectoryMode=0700
-RuntimeDirectoryPreserve=yes
+StateDirectory=farreach/%i
+StateDirectoryMode=0750
+";
+const PASSED_ON: &str = "\
+# What the keeper passes on: the copy of the rig file that all processes of the session read.
+EnvironmentFile=-/run/farreach/%i/environment
+";
+const USER: &str = "\
+# All processes of a rig have the same user, to whom alone its shared memory is open.
+User=farreach
+Group=farreach
+UMask=0027
+NoNewPrivileges=yes
+";
+// No PrivateTmp=: a recording asked for in /tmp is refused, and not written where nobody finds it.
+// No RemoveIPC=, RestrictRealtime=, PrivateDevices= (/dev/shm, /dev/cpu_dma_latency, the card).
+const CLOSED: &str = "\
+# Recordings go to the state directory; ReadWritePaths= in a drop-in names further folders.
+ProtectSystem=strict
+ProtectHome=yes
+ProtectProc=invisible
+ProtectClock=yes
+ProtectControlGroups=yes
+ProtectHostname=yes
+ProtectKernelLogs=yes
+ProtectKernelModules=yes
+ProtectKernelTunables=yes
+LockPersonality=yes
+MemoryDenyWriteExecute=yes
+RestrictNamespaces=yes
+RestrictSUIDSGID=yes
+SystemCallArchitectures=native
+SystemCallFilter=@system-service
+SystemCallErrorNumber=EPERM
 ";
 const CLASS: &str = "\
 # Priority during start: above everything outside the rig, below every loop. The process raises
@@ -243,7 +300,7 @@ fn systemd_analyze_verify_prints_nothing() {
         for entry in std::fs::read_dir(directory()).unwrap() {
             let entry = entry.unwrap();
             let text = std::fs::read_to_string(entry.path()).unwrap();
-            let mut text = text.replace("/usr/local/bin/farreach", "/bin/true");
+            let mut text = text.replace("ExecStart=farreach", "ExecStart=/bin/true");
             if spoil {
                 text = text.replace("WatchdogSec", "WatchdgSec");
             }

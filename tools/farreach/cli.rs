@@ -90,8 +90,24 @@ enum Rec {
     File(recorder::Command),
 }
 
+impl Command {
+    /// Whether it joins a running rig, and so must be run by the rig's user. `up` and `down` ask
+    /// whoever supervises it.
+    fn joins_rig(&self) -> bool {
+        use operator::command::Command as Operator;
+        match self {
+            Self::Operator(Operator::Up(_) | Operator::Down(_)) => false,
+            Self::Operator(_) | Self::Tune(_) | Self::Probe(_) | Self::Rec(Rec::Live(_)) => true,
+            _ => false,
+        }
+    }
+}
+
 /// Runs the command; returns the exit code.
 pub(crate) fn run(cli: Cli) -> anyhow::Result<i32> {
+    if cli.command.joins_rig() {
+        operator::become_its_user(&cli.rig_name)?;
+    }
     match cli.command {
         Command::Operator(command) => operator::command::run(command, &cli.rig_name),
         Command::Identify(arguments) => {

@@ -19,7 +19,17 @@ use crate::failure::Usage;
 pub(crate) enum Service {
     /// Creates the rig's shared memory, holds it open, cleans up after processes that died
     #[command(after_help = "Example:\n  farreach --rig-name bench service keeper")]
-    Keeper,
+    Keeper {
+        /// Describes the rig in its run directory, as the launcher does elsewhere, and removes it
+        /// at the end (its unit file sets FARREACH_SYSTEMD)
+        #[arg(
+            long,
+            env = "FARREACH_SYSTEMD",
+            value_parser = FalseyValueParser::new(),
+            hide_env_values = true
+        )]
+        systemd: bool,
+    },
     /// The simulated card with the simulated plant
     #[command(
         after_help = "Example:\n  farreach service simulator --rig launch/rigs/hydrostatic.toml \
@@ -159,7 +169,19 @@ fn given(text: Option<String>) -> Option<PathBuf> {
 pub(crate) fn run(service: Service, rig_name: &RigName) -> anyhow::Result<i32> {
     let name = rig_name.as_str();
     match service {
-        Service::Keeper => keeper::run(name)?,
+        Service::Keeper { systemd: true } => {
+            // A wrong rig file is a wrong one for all: nothing starts without the keeper.
+            keeper::run(name, |cold| -> anyhow::Result<()> {
+                operator::describe_to_clients(rig_name, cold).map_err(|error| match error {
+                    operator::Error::File(_) => usage(error),
+                    other => other.into(),
+                })
+            })?;
+            rig_name.remove()?;
+        }
+        Service::Keeper { systemd: false } => {
+            keeper::run(name, |_| Ok::<(), runtime::ServiceError>(()))?;
+        }
         Service::Launcher { run_dir } => launch::launcher_main(&run_dir)?,
         Service::Simulator { rig, effects, machine } => {
             let effects: Vec<_> = effects.into_iter().filter(|effect| !effect.is_empty()).collect();

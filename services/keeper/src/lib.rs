@@ -13,15 +13,20 @@ use runtime::{Keeper, NotifyState, RigName, ServiceError, notify};
 /// watchdog is fed.
 const WAIT: Duration = Duration::from_millis(250);
 
-/// Keeps the domain of a rig until a signal ends it.
+/// Keeps the domain of a rig until a signal ends it. `founded` is called before the keeper is
+/// ready, hence before any other process starts; it is told whether a new session begins.
 ///
 /// # Errors
-/// [`ServiceError`].
-pub fn run(rig_name: &str) -> Result<(), ServiceError> {
+/// [`ServiceError`], or that of `founded`.
+pub fn run<E: From<ServiceError>>(
+    rig_name: &str,
+    founded: impl FnOnce(bool) -> Result<(), E>,
+) -> Result<(), E> {
     runtime::realtime::name_thread("fr-keeper");
     let stop = runtime::stop_flag()?;
-    let name: RigName = rig_name.parse()?;
-    let mut keeper = Keeper::start(&name)?;
+    let name: RigName = rig_name.parse().map_err(ServiceError::from)?;
+    let mut keeper = Keeper::start(&name).map_err(ServiceError::from)?;
+    founded(keeper.is_cold())?;
     notify(NotifyState::Status(keeper.profile().text()));
     notify(NotifyState::Ready);
     while !stop.load(Ordering::Relaxed) {
@@ -29,6 +34,6 @@ pub fn run(rig_name: &str) -> Result<(), ServiceError> {
         notify(NotifyState::Watchdog);
     }
     notify(NotifyState::Stopping);
-    keeper.end()?;
+    keeper.end().map_err(ServiceError::from)?;
     Ok(())
 }

@@ -17,6 +17,9 @@ use crate::RunOptions;
 /// Where the console listens unless told: not to be reached from other computers.
 const CONSOLE_AT: &str = "127.0.0.1:8321";
 
+/// The rig file unless told.
+const DEFAULT_RIG: &str = "hydrostatic";
+
 /// The operator's commands.
 #[derive(Clone, Debug, Subcommand)]
 pub enum Command {
@@ -24,7 +27,8 @@ pub enum Command {
     #[command(after_help = "Examples:\n  \
         farreach up --simulate --effect backlash@slave=0.05 --record run.mcap\n  \
         farreach up --simulate --console --record run.mcap\n  \
-        farreach up --rig launch/rigs/emps.toml --replay emps.csv --loop")]
+        farreach up --rig launch/rigs/emps.toml --replay emps.csv --loop\n  \
+        farreach --rig-name bench up    # a rig of /etc/farreach/bench, under systemd")]
     Up(UpArguments),
     /// Removes motor power, stops all processes and removes the rig's shared memory
     #[command(after_help = "Example:\n  farreach --rig-name bench down")]
@@ -154,7 +158,7 @@ pub struct OutputFormat {
 #[derive(Clone, Debug, Args)]
 pub struct UpArguments {
     /// Rig file, or the name of a rig shipped with farreach
-    #[arg(long, value_name = "FILE|NAME", default_value = "hydrostatic")]
+    #[arg(long, value_name = "FILE|NAME", default_value = DEFAULT_RIG)]
     pub rig: PathBuf,
     /// Uses the simulated card
     #[arg(long, conflicts_with = "replay")]
@@ -197,6 +201,19 @@ pub struct UpArguments {
     #[command(flatten)]
     #[allow(missing_docs)]
     pub json: OutputFormat,
+}
+
+impl UpArguments {
+    /// Whether it names neither a card nor anything else of a rig: that of an installed rig stands
+    /// in its files.
+    fn says_nothing(&self) -> bool {
+        let Self { simulate, card, effects, machine, replay, foreground, .. } = self;
+        let a_card = *simulate || card.is_some() || replay.is_some();
+        let of_card = !effects.is_empty() || machine.is_some();
+        let another_rig = self.rig.as_os_str() != DEFAULT_RIG;
+        let more = self.record.is_some() || self.console.is_some() || self.profile.is_some();
+        !(a_card || of_card || another_rig || more || *foreground || self.monitor)
+    }
 }
 
 fn parse_profile(text: &str) -> Result<Profile, String> {

@@ -7,6 +7,7 @@ use ipc_types::{Verb, VerbAnswer};
 use launch::StopReport;
 use runtime::RigName;
 
+use crate::systemd_rig::{self, OtherUser};
 use crate::{Error, RigLink};
 
 /// How long the watchdog may take to answer, and joining the rig may take. A hung process must not
@@ -41,15 +42,40 @@ pub struct Down {
 /// # Errors
 /// If a process cannot be stopped or the shared memory cannot be removed.
 pub fn down(name: &RigName) -> Result<Down, Error> {
+    if let Some(other) = OtherUser::of(name) {
+        return down_of(name, other);
+    }
     let run_dir = name.run_directory();
     let disarmed = if launch::status(&run_dir).is_ok() { disarm(name) } else { None };
     let stopped = match launch::stop(&run_dir) {
         Ok(report) => Some(report),
         Err(launch::Error::NotUp { .. }) => None,
-        Err(error) => return Err(error.into()),
+        Err(error) => return Err(not_stopped(disarmed, error)),
     };
     let cleaning = if name.remove()? { Cleaning::Removed } else { Cleaning::InUse };
     Ok(Down { disarmed, stopped, cleaning })
+}
+
+/// The same for a rig that systemd runs as another user.
+fn down_of(name: &RigName, other: OtherUser) -> Result<Down, Error> {
+    let disarmed = other.disarm(name);
+    let stopped = match launch::systemd::stop(name.as_str()) {
+        Ok(report) => Some(report),
+        Err(launch::Error::NotUp { .. }) => None,
+        Err(error) => return Err(not_stopped(disarmed, error)),
+    };
+    let gone = systemd_rig::is_gone(name, other.user);
+    Ok(Down { disarmed, stopped, cleaning: if gone { Cleaning::Removed } else { Cleaning::InUse } })
+}
+
+/// systemd may refuse to stop the processes after the watchdog has done its part.
+fn not_stopped(disarmed: Option<bool>, error: launch::Error) -> Error {
+    match error {
+        launch::Error::NotPermitted { .. } => {
+            Error::NotStopped { disarmed: disarmed == Some(true), refusal: error }
+        }
+        other => other.into(),
+    }
 }
 
 /// Disarms on a thread of its own: with a hung process in the rig, joining it may hang as well.

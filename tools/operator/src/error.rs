@@ -102,6 +102,41 @@ pub enum Error {
     /// A process did not answer.
     #[error(transparent)]
     Request(#[from] RequestError),
+    /// systemd refused to stop the rig.
+    #[error(
+        "{}: {refusal}",
+        if *disarmed {
+            "the watchdog disarmed, so that the motor is off, and all processes go on"
+        } else {
+            "nothing was done"
+        }
+    )]
+    NotStopped {
+        /// Whether the watchdog disarmed before.
+        disarmed: bool,
+        /// What was refused.
+        refusal: launch::Error,
+    },
+    /// A variable of the unit files is missing.
+    #[error("{name} is not set; /etc/farreach/RIG/environment sets it (launch/README.md)")]
+    NoVariable {
+        /// The variable.
+        name: &'static str,
+    },
+    /// The rig belongs to another user, whom this one may not become.
+    #[error(
+        "rig {rig} is run by systemd as another user (uid {user}), and only that user reaches its \
+         shared memory: {reason}. Join the group farreach (root: `adduser NAME farreach`; then log \
+         in anew), or run the command as root"
+    )]
+    NotItsUser {
+        /// Its name.
+        rig: String,
+        /// Its user.
+        user: u32,
+        /// Why not.
+        reason: String,
+    },
     /// No process of the rig runs.
     #[error("rig {0} is not up; bring it up first: farreach up")]
     NotUp(String),

@@ -25,6 +25,7 @@ mod saved_rig_file;
 mod scanner_key;
 mod session_files;
 pub mod status;
+mod systemd_rig;
 mod up;
 
 pub use acquisition::CardOptions;
@@ -38,4 +39,5 @@ pub use link::{RigLink, verb};
 pub use run::{Progress, RunOutcome, check_armed, resume_protocol, run_protocol, stop_protocol};
 pub use saved_rig_file::{rig_of, running};
 pub use session_files::{SessionFiles, Written, sessions_of};
+pub use systemd_rig::{become_its_user, describe_to_clients};
 pub use up::{Up, UpOptions, up, up_in_foreground};

@@ -13,7 +13,7 @@ use ipc_types::{
     AXES, CardKind, EnableToken, ExperimentRequest, GateCause, GateState, LoggerRequest,
     ModelStatus, Process, Profile, ScanProgress, TOPICS, TripCause, WatchdogState,
 };
-use launch::{RigState, UnitState};
+use launch::{RigState, Supervision, UnitState};
 use runtime::{DomainError, HostStall, Losses, RigName};
 use serde::Serialize;
 
@@ -31,11 +31,13 @@ pub struct RigStatus {
     pub rig_name: String,
     /// Whether any process of it runs.
     pub up: bool,
-    /// State of the whole rig; `null` if farreach's launcher does not supervise it.
+    /// State of the whole rig; `null` if nobody supervises it.
     pub state: Option<RigState>,
-    /// Why the rig is stopping or its start was aborted.
+    /// Who supervises it; `null` if that is not known.
+    pub supervision: Option<Supervision>,
+    /// Why the rig is stopping or its start was aborted, or why systemd cannot be asked.
     pub cause: Option<String>,
-    /// The launcher.
+    /// farreach's launcher; `null` without it.
     pub launcher: Option<LauncherStatus>,
     /// Why the topics could not be read; `null` if they could.
     pub unread: Option<String>,
@@ -144,7 +146,7 @@ pub struct GateStatus {
 pub struct ProcessStatus {
     /// Name.
     pub name: String,
-    /// State; `null` if farreach's launcher does not supervise it.
+    /// State; `null` if nobody supervises it.
     pub state: Option<UnitState>,
     /// Process id.
     pub pid: Option<i32>,
@@ -176,7 +178,7 @@ pub struct ProcessStatus {
     pub queued: Option<u64>,
     /// Messages that it missed, refused or could not deliver (periodic processes).
     pub losses: Option<Losses>,
-    /// Its log file.
+    /// Its log file; `null` under systemd, where the journal has it.
     pub log: Option<String>,
 }
 
@@ -219,12 +221,19 @@ impl Watcher {
     /// # Errors
     /// If the launcher's files cannot be read. A rig that is down is not an error.
     pub fn status(&mut self, name: &RigName) -> Result<RigStatus, Error> {
+        let mut unasked = None;
         let launched = match launch::status(&name.run_directory()) {
             Ok(status) => Some(status),
             Err(launch::Error::NotUp { .. }) => None,
+            // What the processes publish tells the rest.
+            Err(error @ launch::Error::Systemctl { .. }) => {
+                unasked = Some(error.to_string());
+                None
+            }
             Err(error) => return Err(error.into()),
         };
         let mut status = RigStatus::of(name, launched.as_ref());
+        status.cause = status.cause.or(unasked);
         match self.observe(name, &mut status) {
             Ok(()) => status.up = true,
             Err(Error::Domain(DomainError::NoKeeper(_))) if launched.is_none() => {}
@@ -288,18 +297,20 @@ impl RigStatus {
                     since_unix_ms: Some(unit.since_unix_ms),
                     restarts: unit.restarts,
                     last_exit: unit.last_exit.clone(),
-                    log: Some(unit.log.display().to_string()),
+                    log: Some(unit.log.display().to_string()).filter(|log| !log.is_empty()),
                     name: unit.name.clone(),
                     ..ProcessStatus::default()
                 })
                 .collect()
         });
+        let by_launcher = launched.filter(|status| status.supervision == Supervision::Launcher);
         Self {
             rig_name: name.to_string(),
             up: launched.is_some(),
             state: launched.map(|status| status.state),
             cause: launched.and_then(|status| status.cause.clone()),
-            launcher: launched.map(|status| LauncherStatus {
+            supervision: launched.map(|status| status.supervision),
+            launcher: by_launcher.map(|status| LauncherStatus {
                 pid: status.launcher.pid,
                 alive: status.launcher.is_alive(),
                 since_unix_ms: status.since_unix_ms,

@@ -43,7 +43,11 @@ impl RigName {
 
     /// The rig's directory on tmpfs.
     pub fn directory(&self) -> PathBuf {
-        let user = geteuid().as_raw();
+        self.directory_of(geteuid().as_raw())
+    }
+
+    /// The directory of another user's rig of that name.
+    pub fn directory_of(&self, user: u32) -> PathBuf {
         Path::new(SHARED_MEMORY).join(format!("farreach-{user}-{}", self.0))
     }
 

@@ -9,7 +9,7 @@ use launch::StopReport;
 use runtime::RigName;
 use serde_json::json;
 
-use super::{UpArguments, print_json};
+use super::{UpArguments, print, print_json};
 use crate::{Cleaning, ConsoleAddress, DONE, Down, Error, Up, UpOptions};
 
 /// The price of the best-effort profile.
@@ -22,6 +22,9 @@ const NOT_GRANTED: &str = "because real-time scheduling is not granted (rtprio a
                            /etc/security/limits.d grant it)";
 
 pub(super) fn up(arguments: &UpArguments, rig_name: &RigName) -> anyhow::Result<i32> {
+    if arguments.says_nothing() && launch::systemd::is_installed(rig_name.as_str()) {
+        return up_under_systemd(rig_name, arguments.json.json);
+    }
     let options = options(arguments, rig_name)?;
     let mut out = std::io::stdout();
     if arguments.foreground {
@@ -45,6 +48,31 @@ pub(super) fn up(arguments: &UpArguments, rig_name: &RigName) -> anyhow::Result<
         print_up(&mut out, &up, &options, console)?;
     }
     Ok(DONE)
+}
+
+/// Starts the installed rig of that name; all about it stands in /etc/farreach.
+fn up_under_systemd(rig_name: &RigName, as_json: bool) -> anyhow::Result<i32> {
+    let status = launch::systemd::start(rig_name.as_str())?;
+    let processes = processes_of(&status);
+    let names: Vec<_> = status.units.iter().map(|unit| unit.name.as_str()).collect();
+    let text = format!(
+        "rig {rig_name} is up, under systemd: {}\n  logs       journalctl -u \
+         'farreach-*@{rig_name}'",
+        names.join(", ")
+    );
+    let value = json!({
+        "rig_name": rig_name.as_str(),
+        "supervision": status.supervision,
+        "processes": processes,
+    });
+    print(as_json, value, &text)?;
+    Ok(DONE)
+}
+
+fn processes_of(status: &launch::Status) -> Vec<serde_json::Value> {
+    let pid = |unit: &launch::UnitStatus| unit.process.map(|process| process.pid);
+    let of_unit = |unit: &launch::UnitStatus| json!({ "name": unit.name, "pid": pid(unit) });
+    status.units.iter().map(of_unit).collect()
 }
 
 fn options(arguments: &UpArguments, rig_name: &RigName) -> Result<UpOptions, Error> {
@@ -78,14 +106,6 @@ fn options(arguments: &UpArguments, rig_name: &RigName) -> Result<UpOptions, Err
 }
 
 fn json_of(up: &Up, console: Option<ConsoleAddress>) -> serde_json::Value {
-    let pid = |unit: &launch::UnitStatus| unit.process.map(|process| process.pid);
-    let processes: Vec<_> = up
-        .running
-        .status
-        .units
-        .iter()
-        .map(|unit| json!({ "name": unit.name, "pid": pid(unit) }))
-        .collect();
     json!({
         "rig_name": up.running.status.rig_name,
         "rig": up.rig.name,
@@ -96,7 +116,7 @@ fn json_of(up: &Up, console: Option<ConsoleAddress>) -> serde_json::Value {
         "host_stall": up.host_stall,
         "session": format!("{:016x}", up.session),
         "launcher": up.running.launcher.pid,
-        "processes": processes,
+        "processes": processes_of(&up.running.status),
         "console": console.map(|console| {
             json!({ "operator": console.operator(), "subject": console.subject() })
         }),

@@ -3,7 +3,7 @@
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use ipc_types::{GateCause, ModelStatus, TripCause};
-use launch::RigState;
+use launch::{RigState, Supervision};
 
 use super::{LastTrip, ProcessStatus, ProtocolStatus, RigStatus, ScannerStatus, WatchdogStatus};
 
@@ -99,6 +99,9 @@ fn headline(status: &RigStatus, now: SystemTime) -> String {
         Some(state) => format!(" is {}", rig_state(state)),
         None => " is up, without farreach's launcher".to_owned(),
     };
+    if status.supervision == Some(Supervision::Systemd) {
+        line += ", under systemd";
+    }
     if let Some(cause) = &status.cause {
         line += &format!(" ({cause})");
     }
