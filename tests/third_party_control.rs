@@ -143,6 +143,59 @@ fn control_can_be_replaced_from_python_with_the_published_files_alone() {
     control_is_replaced("third-party-py", |rig| StandIn::python(rig, &python));
 }
 
+#[test]
+fn a_process_is_restarted_and_replaced_by_a_command() {
+    let rig = TestRig::new("replaced");
+    rig.up_homed();
+    let monitor = Monitor::join(rig.name());
+    let pid = |name: &str| rig.launcher_status().unit(name).unwrap().process.unwrap().pid;
+    let before = pid("logger");
+    rig.ok(["restart", "logger"]);
+    assert_ne!(pid("logger"), before);
+
+    // Nothing is changed by a program that cannot be run, or of no process.
+    let before = pid("control");
+    for (arguments, said) in [
+        (&["replace", "control", "--", "no-such-program"][..], "no-such-program"),
+        (&["replace", "keeper", "--", "true"][..], "not replaced"),
+        (&["replace", "nobody", "--", "true"][..], "there are: "),
+        (&["restart", "nobody"][..], "there are: "),
+    ] {
+        let refused = rig.run(arguments.iter().copied());
+        assert!(!refused.status.success() && told(&refused).contains(said), "{}", told(&refused));
+    }
+    assert_eq!(pid("control"), before);
+
+    // While the motor is enabled its loops stay, unless a person insists.
+    monitor.power_up(&rig);
+    let refused = rig.run(["restart", "control"]);
+    assert!(!refused.status.success() && told(&refused).contains("--force"), "{}", told(&refused));
+    assert_eq!(monitor.seen().state(), Some(WatchdogState::Enabled));
+    monitor.mark();
+    rig.ok(["restart", "control", "--force"]);
+    monitor.until("a trip", |seen| seen.state() == Some(WatchdogState::Tripped));
+
+    // The same control by another way: this test binary, as the launcher starts it.
+    let own = std::env::current_exe().unwrap();
+    let own = own.to_str().unwrap();
+    let arguments = ["--exact", "third_party_process", "--ignored", "--nocapture"];
+    let command = ["env", &format!("{CHILD}={}", rig.name()), own];
+    let replaced = ["replace", "control", "--"].into_iter().chain(command).chain(arguments);
+    rig.ok(replaced);
+    let shown = told(&rig.run(["status"]));
+    assert!(shown.contains("control: REPLACED by"), "{shown}");
+    monitor.power_up(&rig);
+    monitor.until("the handle at the third-party control's target", |seen| {
+        (seen.sample.unwrap().master_position[0] - TARGET_RAD).abs() < 0.15
+    });
+    rig.ok(["replace", "control", "--undo", "--force"]);
+    let shown = told(&rig.run(["status"]));
+    assert!(!shown.contains("REPLACED"), "{shown}");
+    monitor.power_up(&rig);
+    drop(monitor);
+    rig.down();
+}
+
 /// Takes a rig's control out, puts another one in, gives it power, and takes it out again.
 fn control_is_replaced(name: &str, start: impl Fn(&TestRig) -> StandIn) {
     let rig = TestRig::new(name);

@@ -260,6 +260,24 @@ pub fn restart(run_dir: &Path, unit: &str) -> Result<(), Error> {
     ask(run_dir, &Request::Restart { unit: unit.to_owned() })
 }
 
+/// Runs a program of others in place of a unit's own, with the same environment, or the unit's own
+/// again where `command` is empty. `command` has an absolute path first.
+///
+/// # Errors
+/// As [`restart`]; under systemd, whose units a person edits.
+pub fn replace(run_dir: &Path, unit: &str, command: &[String]) -> Result<(), Error> {
+    if let Some(rig) = systemd::rig_of(&RunDir::new(run_dir)) {
+        let unit = systemd::unit(&rig, unit);
+        return Err(Error::Refused {
+            reason: format!(
+                "systemd runs this rig: `systemctl edit {unit}` with an empty ExecStart= and one \
+                 with your program, then `systemctl restart {unit}`"
+            ),
+        });
+    }
+    ask(run_dir, &Request::Replace { unit: unit.to_owned(), command: command.to_vec() })
+}
+
 /// Asks the launcher for something that it does, or refuses.
 fn ask(run_dir: &Path, request: &Request) -> Result<(), Error> {
     let directory = RunDir::new(run_dir);

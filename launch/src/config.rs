@@ -30,6 +30,9 @@ pub struct Config {
     /// Who supervises the rig.
     #[serde(default)]
     pub supervision: Supervision,
+    /// Program and arguments of the units that run a program of others in place of farreach's.
+    #[serde(default)]
+    pub replaced: BTreeMap<String, Vec<String>>,
 }
 
 impl Config {
@@ -47,6 +50,7 @@ impl Config {
             environment: BTreeMap::new(),
             foreground: false,
             supervision: Supervision::Launcher,
+            replaced: BTreeMap::new(),
         }
     }
 
@@ -70,6 +74,14 @@ impl Config {
     /// Whether a unit of that name is among those to start.
     pub fn has_unit(&self, name: &str) -> bool {
         self.units.iter().any(|unit| unit.name == name)
+    }
+
+    /// Program and arguments of a unit.
+    pub(crate) fn command(&self, unit: &str) -> (PathBuf, Vec<String>) {
+        match self.replaced.get(unit).and_then(|command| command.split_first()) {
+            Some((program, arguments)) => (program.into(), arguments.to_vec()),
+            None => (self.executable.clone(), vec!["service".to_owned(), unit.to_owned()]),
+        }
     }
 
     /// Checks names and paths, makes the paths absolute, and puts the units in the order of start.

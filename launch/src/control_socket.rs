@@ -31,6 +31,11 @@ pub(crate) enum Request {
         environment: BTreeMap<String, String>,
         units: Vec<String>,
     },
+    /// Runs this program in place of a unit's own; empty for its own again.
+    Replace {
+        unit: String,
+        command: Vec<String>,
+    },
     Stop,
 }
 

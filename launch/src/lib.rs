@@ -39,7 +39,7 @@ mod supervisor;
 pub mod systemd;
 pub mod units;
 
-pub use client::{Running, change, restart, start, status, stop};
+pub use client::{Running, change, replace, restart, start, status, stop};
 pub use config::Config;
 pub use error::{Error, StartError, StartFailure};
 pub use identity::{ProcessIdentity, boot_id};

@@ -35,9 +35,10 @@ impl Process {
         let output = log::open(&log_path)?;
         let errors =
             output.try_clone().map_err(|source| Error::io("open the log", &log_path, source))?;
-        let mut command = Command::new(&config.executable);
+        let (program, arguments) = config.command(&unit.name);
+        let mut command = Command::new(&program);
         command
-            .args(["service", &unit.name])
+            .args(arguments)
             .envs(environment(unit, config, run_dir))
             .env_remove("WATCHDOG_PID")
             .current_dir("/")
@@ -55,8 +56,7 @@ impl Process {
                 Ok(())
             });
         }
-        let child =
-            command.spawn().map_err(|source| Error::io("start", &config.executable, source))?;
+        let child = command.spawn().map_err(|source| Error::io("start", &program, source))?;
         let pid = i32::try_from(child.id()).unwrap_or(i32::MAX);
         if let Some(score) = unit.oom_score_adjust {
             // Lowering it needs CAP_SYS_RESOURCE; a refusal is in the status.

@@ -79,6 +79,9 @@ pub struct UnitStatus {
     pub restart_reason: Option<String>,
     /// Scheduling requested and granted.
     pub scheduling: Option<Scheduling>,
+    /// The program that runs in place of farreach's own.
+    #[serde(default)]
+    pub replaced_by: Option<String>,
     /// The process's own status (`STATUS=`).
     pub status_text: Option<String>,
     /// Its log file; empty under systemd, where the journal has it.

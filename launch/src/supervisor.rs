@@ -1,8 +1,8 @@
 //! The launcher's loop: carries out the actions of the [`Lifecycle`] and reports events to it.
 
 mod report;
+mod requests;
 
-use std::collections::BTreeMap;
 use std::fs::File;
 use std::os::fd::{AsFd, OwnedFd};
 use std::os::unix::net::UnixStream;
@@ -13,13 +13,14 @@ use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::process::Signal;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 
-use crate::control_socket::{Answer, ControlServer, Request};
+use crate::control_socket::ControlServer;
 use crate::identity::has_ended;
 use crate::lifecycle::{Action, Lifecycle};
 use crate::log::{self, Journal};
 use crate::notify::{Notification, NotifySocket};
 use crate::process::{self, Process};
 use crate::status::{RigState, Status, StopReport, UnitState, UnitStatus, UnitStop, unix_ms};
+use crate::units::Unit;
 use crate::{Config, Error, ProcessIdentity, RunDir, Scheduling, StartError, Supervision, boot_id};
 
 /// `status.json` is written at least this often.
@@ -128,7 +129,10 @@ impl Supervisor {
                 boot_id: boot_id(),
                 since_unix_ms: unix_ms(),
                 updated_unix_ms: unix_ms(),
-                units: config.units.iter().map(|unit| inactive(&unit.name, run_dir)).collect(),
+                units: {
+                    let unit = |unit: &Unit| inactive(&unit.name, &config, run_dir);
+                    config.units.iter().map(unit).collect()
+                },
             },
             processes: config.units.iter().map(|_| None).collect(),
             notify: NotifySocket::bind(&run_dir.notify_socket())?,
@@ -378,69 +382,6 @@ impl Supervisor {
         }
     }
 
-    fn receive_requests(&mut self) {
-        for (client, request) in self.control.receive() {
-            let answer = match request {
-                Err(reason) => Answer::Refused { reason },
-                Ok(Request::Status) => {
-                    self.refresh_status();
-                    Answer::Status { status: Box::new(self.status.clone()) }
-                }
-                Ok(Request::Stop) => {
-                    self.stop_all("a request to stop");
-                    Answer::Done
-                }
-                Ok(Request::Restart { unit }) => self.restart(&unit),
-                Ok(Request::Change { environment, units }) => self.change(environment, &units),
-            };
-            self.control.answer(client, &answer);
-        }
-    }
-
-    /// Changes variables and restarts the units that are to see them. Nothing is changed where a
-    /// unit is unknown, the rig is not up, or the new configuration cannot be written down.
-    fn change(&mut self, environment: BTreeMap<String, String>, units: &[String]) -> Answer {
-        if let Some(unknown) = units.iter().find(|unit| self.index_of(unit).is_none()) {
-            return self.no_unit(unknown);
-        }
-        if self.lifecycle.phase() != RigState::Up {
-            let reason = "the rig is not up: it is being started or stopped".to_owned();
-            return Answer::Refused { reason };
-        }
-        let mut config = self.config.clone();
-        config.environment.extend(environment);
-        if let Err(error) = self.run_dir.write_json(&self.run_dir.launch_json(), &config) {
-            return Answer::Refused { reason: error.to_string() };
-        }
-        self.config = config;
-        self.journal.say(&format!("variables changed; restarting {}", units.join(", ")));
-        let answers = units.iter().map(|unit| self.restart(unit));
-        answers.fold(Answer::Done, |worst, answer| match worst {
-            Answer::Done => answer,
-            refused => refused,
-        })
-    }
-
-    fn no_unit(&self, name: &str) -> Answer {
-        let known: Vec<&str> = self.config.units.iter().map(|unit| unit.name.as_str()).collect();
-        let reason = format!("no unit `{name}`; there are: {}", known.join(", "));
-        Answer::Refused { reason }
-    }
-
-    fn restart(&mut self, name: &str) -> Answer {
-        let Some(index) = self.index_of(name) else { return self.no_unit(name) };
-        let now = self.now();
-        match self.lifecycle.restart(index, now) {
-            Err(reason) => Answer::Refused { reason: reason.to_owned() },
-            Ok(actions) => {
-                for action in actions {
-                    self.perform(action);
-                }
-                Answer::Done
-            }
-        }
-    }
-
     fn stop_all(&mut self, cause: &str) {
         if self.status.cause.is_none() {
             self.journal.say(&format!("stopping: {cause}"));
@@ -452,7 +393,7 @@ impl Supervisor {
 }
 
 /// The status of a unit that has not been started.
-fn inactive(name: &str, run_dir: &RunDir) -> UnitStatus {
+fn inactive(name: &str, config: &Config, run_dir: &RunDir) -> UnitStatus {
     UnitStatus {
         name: name.to_owned(),
         state: UnitState::Inactive,
@@ -463,6 +404,7 @@ fn inactive(name: &str, run_dir: &RunDir) -> UnitStatus {
         last_exit: None,
         restart_reason: None,
         scheduling: None,
+        replaced_by: config.replaced.get(name).map(|command| command.join(" ")),
         status_text: None,
         log: run_dir.log(name),
     }

@@ -126,6 +126,7 @@ pub(crate) fn status(rig: &str) -> Result<Status, Error> {
             last_exit: shown.exit(),
             restart_reason: None,
             scheduling: None,
+            replaced_by: None,
             status_text: shown.status_text.clone(),
             log: PathBuf::new(),
         })

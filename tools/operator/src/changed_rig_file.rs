@@ -2,19 +2,15 @@
 
 use std::collections::BTreeMap;
 use std::path::Path;
-use std::time::{Duration, Instant};
 
 use ipc_types::{PROCESSES, Process};
 use rig::RigFile;
 use runtime::RigName;
 
 use crate::Error;
+use crate::restart::{processes, until_ready_again};
 use crate::saved_rig_file::{MACHINE, RIG, keep_copy, rig_of, running};
 use crate::up::absolute;
-
-/// How long the processes may take to be ready again.
-const RESTART_LIMIT: Duration = Duration::from_secs(15);
-const POLL_PERIOD: Duration = Duration::from_millis(20);
 
 /// Whether a process reads anything of a rig file that may change while the rig is up: gains,
 /// options of the control, the declared model. What the others read, a change must leave as it is.
@@ -60,27 +56,9 @@ pub fn change_rig_file(rig_name: &RigName, name: &Path, rig: &RigFile) -> Result
         .map(|process| process.text().to_owned())
         .filter(|name| config.has_unit(name))
         .collect();
-    let processes = |status: &launch::Status| -> Vec<(launch::UnitState, Option<_>)> {
-        let of_unit = |name: &String| status.unit(name).map(|unit| (unit.state, unit.process));
-        units.iter().filter_map(of_unit).collect()
-    };
-    let old = processes(&launch::status(&run_dir)?);
+    let old = processes(&launch::status(&run_dir)?, &units);
     launch::change(&run_dir, variables, &units)?;
-    let begun = Instant::now();
-    loop {
-        let now = processes(&launch::status(&run_dir)?);
-        let again = now.len() == old.len()
-            && now.iter().zip(&old).all(|((state, process), (_, before))| {
-                *state == launch::UnitState::Ready && process != before
-            });
-        if again {
-            return Ok(());
-        }
-        if begun.elapsed() > RESTART_LIMIT {
-            return Err(Error::NotRestarted { units: units.join(", ") });
-        }
-        std::thread::sleep(POLL_PERIOD);
-    }
+    until_ready_again(&run_dir, &units, &old)
 }
 
 /// The first part in which two rig files differ, of those that acquisition, watchdog and card read.

@@ -74,6 +74,41 @@ pub enum Command {
     /// Stops the running protocol: the handle comes to rest, the motor stays enabled at 0 V
     #[command(after_help = "Example:\n  farreach stop")]
     Stop(OutputFormat),
+    /// Restarts one process of a rig that is up, and waits until it is ready again
+    #[command(after_help = "Example:\n  farreach restart logger")]
+    Restart {
+        /// Name of the process, as in `farreach status`
+        #[arg(value_name = "PROCESS")]
+        process: String,
+        /// Also while the motor is enabled, which then loses its power
+        #[arg(long)]
+        force: bool,
+        #[command(flatten)]
+        #[allow(missing_docs)]
+        json: OutputFormat,
+    },
+    /// Runs a program of your own in place of one process of a rig that is up (docs/replacing.md),
+    /// until `--undo` or the rig is down
+    #[command(after_help = "Examples:\n  \
+        farreach replace control -- python3 control.py --target-rad 0.6\n  \
+        farreach replace control --undo")]
+    Replace {
+        /// Name of the process, as in `farreach status`
+        #[arg(value_name = "PROCESS")]
+        process: String,
+        /// Runs farreach's own process again
+        #[arg(long, conflicts_with = "program")]
+        undo: bool,
+        /// Also while the motor is enabled, which then loses its power
+        #[arg(long)]
+        force: bool,
+        #[command(flatten)]
+        #[allow(missing_docs)]
+        json: OutputFormat,
+        /// The program and its arguments; it gets the variables of the process
+        #[arg(last = true, value_name = "COMMAND", required_unless_present = "undo")]
+        program: Vec<String>,
+    },
     /// Puts a fault into the simulated card of a rig that is up
     #[command(subcommand)]
     Fault(Fault),
@@ -253,6 +288,13 @@ pub fn run(command: Command, rig_name: &RigName) -> anyhow::Result<i32> {
         Command::Run(arguments) => actions::run(&arguments, rig_name),
         Command::Console(OutputFormat { json }) => actions::console(rig_name, json),
         Command::Stop(OutputFormat { json }) => actions::stop(rig_name, json),
+        Command::Restart { process, force, json: OutputFormat { json } } => {
+            actions::restarted(&process, crate::restart(rig_name, &process, force)?, json)
+        }
+        Command::Replace { process, undo: _, force, json: OutputFormat { json }, program } => {
+            let took = crate::replace(rig_name, &process, &program, force)?;
+            actions::restarted(&process, took, json)
+        }
         Command::Fault(Fault::Effect { effects, json: OutputFormat { json } }) => {
             actions::change_effects(rig_name, effects, json)
         }

@@ -65,9 +65,27 @@ pub enum Error {
         /// The part.
         part: &'static str,
     },
-    /// Processes that were started again with another rig file are not ready.
+    /// The motor is enabled, and would lose its power.
     #[error(
-        "of the processes {units}, started again with another rig file, one is not ready; see \
+        "the motor is enabled, and {process} cuts its power while it is away; disarm first, or \
+         say --force"
+    )]
+    MotorEnabled {
+        /// Name of the process.
+        process: String,
+    },
+    /// The program that is to replace a process cannot be run.
+    #[error("{program}: expected an executable file, in PATH where it has no `/`; found none")]
+    Program {
+        /// As it was given.
+        program: String,
+    },
+    /// The keeper holds the rig's shared memory.
+    #[error("the keeper founds and holds the rig's shared memory; it is not replaced")]
+    KeeperStays,
+    /// Processes that were started again are not ready.
+    #[error(
+        "of the processes {units}, started again, one is not ready; see \
         `farreach status` and its log"
     )]
     NotRestarted {

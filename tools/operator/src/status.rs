@@ -156,6 +156,8 @@ pub struct ProcessStatus {
     pub restarts: u32,
     /// How its predecessor ended.
     pub last_exit: Option<String>,
+    /// The program of others that runs in its place; `null` for farreach's own.
+    pub replaced_by: Option<String>,
     /// Messages published per second, measured (fast loops).
     pub rate_hz: Option<f64>,
     /// Rate of its loop (Hz).
@@ -297,6 +299,7 @@ impl RigStatus {
                     since_unix_ms: Some(unit.since_unix_ms),
                     restarts: unit.restarts,
                     last_exit: unit.last_exit.clone(),
+                    replaced_by: unit.replaced_by.clone(),
                     log: Some(unit.log.display().to_string()).filter(|log| !log.is_empty()),
                     name: unit.name.clone(),
                     ..ProcessStatus::default()

@@ -2,6 +2,7 @@
 
 use std::io::Write;
 use std::path::Path;
+use std::time::Duration;
 
 use indicatif::{ProgressBar, ProgressStyle};
 use ipc_types::{
@@ -44,6 +45,14 @@ pub(super) fn verb(rig_name: &RigName, verb: Verb, as_json: bool) -> anyhow::Res
     });
     print(as_json, value, &answer.state.to_string())?;
     Ok(if answer.done { DONE } else { FAILED })
+}
+
+/// Tells that a process is ready again, and after how long.
+pub(super) fn restarted(process: &str, took: Duration, as_json: bool) -> anyhow::Result<i32> {
+    let seconds = took.as_secs_f64();
+    let value = json!({ "process": process, "ready_after_s": seconds });
+    print(as_json, value, &format!("{process} is ready again, after {seconds:.2} s"))?;
+    Ok(DONE)
 }
 
 pub(super) fn run(arguments: &RunArguments, rig_name: &RigName) -> anyhow::Result<i32> {

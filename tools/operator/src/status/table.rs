@@ -79,6 +79,9 @@ pub fn table(status: &RigStatus, now: SystemTime, width: usize) -> String {
         if let (true, Some(exit)) = (process.restarts > 0, &process.last_exit) {
             remarks.push(format!("{}: its predecessor ended with {exit}", process.name));
         }
+        if let Some(program) = &process.replaced_by {
+            remarks.push(format!("{}: REPLACED by {program}", process.name));
+        }
         if let Some(losses) = process.losses.filter(|losses| !losses.is_empty()) {
             remarks.push(format!("{}: since its start {losses}", process.name));
         }
