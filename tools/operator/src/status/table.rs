@@ -74,18 +74,7 @@ pub fn table(status: &RigStatus, now: SystemTime, width: usize) -> String {
     for process in &status.processes {
         rows += &row(cells(process, now).iter().map(String::as_str));
     }
-    let mut remarks = Vec::new();
-    for process in &status.processes {
-        if let (true, Some(exit)) = (process.restarts > 0, &process.last_exit) {
-            remarks.push(format!("{}: its predecessor ended with {exit}", process.name));
-        }
-        if let Some(program) = &process.replaced_by {
-            remarks.push(format!("{}: REPLACED by {program}", process.name));
-        }
-        if let Some(losses) = process.losses.filter(|losses| !losses.is_empty()) {
-            remarks.push(format!("{}: since its start {losses}", process.name));
-        }
-    }
+    let mut remarks: Vec<String> = status.processes.iter().flat_map(remarks_on).collect();
     remarks.push(
         "missed: periods skipped; p99 µs: wake-up lateness; age: since the last message".to_owned(),
     );
@@ -94,6 +83,21 @@ pub fn table(status: &RigStatus, now: SystemTime, width: usize) -> String {
         lines.iter().map(|line| textwrap::fill(line, &options) + "\n").collect::<String>()
     };
     format!("{}\n{rows}{}", wrap(&lines), wrap(&remarks))
+}
+
+/// What is to be said of a process beside its row.
+fn remarks_on(process: &ProcessStatus) -> Vec<String> {
+    let mut remarks = Vec::new();
+    if let (true, Some(exit)) = (process.restarts > 0, &process.last_exit) {
+        remarks.push(format!("{}: its predecessor ended with {exit}", process.name));
+    }
+    if let Some(program) = &process.replaced_by {
+        remarks.push(format!("{}: REPLACED by {program}", process.name));
+    }
+    if let Some(losses) = process.losses.filter(|losses| !losses.is_empty()) {
+        remarks.push(format!("{}: since its start {losses}", process.name));
+    }
+    remarks
 }
 
 fn headline(status: &RigStatus, now: SystemTime) -> String {
