@@ -111,7 +111,11 @@ impl RowFilter {
             torque_nm: torque,
         };
         let finite = [Some(reading.master_rad), slave, torque, Some(reading.volts)];
-        let there = present(sample.master_present) && present(sample.motor_present);
+        // Positions of an unhomed axis are not the model's, and its search drives it against stops
+        // that no model has.
+        let there = present(sample.master_present)
+            && present(sample.motor_present)
+            && present(sample.homed);
         (there && finite.into_iter().flatten().all(f64::is_finite)).then_some(reading)
     }
 
@@ -150,6 +154,7 @@ mod tests {
         let mut sample = Sample {
             tick,
             master_present: 1,
+            homed: 1,
             motor_present: 1,
             slave_present: 1,
             torque_present: 1,
@@ -196,5 +201,9 @@ mod tests {
         let absent = Sample { master_present: 0, homing_sequence: 1, ..sample(14) };
         assert_eq!(filter.take(&absent), Taken::Restart);
         assert_eq!(filter.take(&absent), Taken::Nothing);
+        assert_eq!(filter.take(&sample(15)), Taken::Nothing);
+        let unhomed = Sample { homed: 0, ..sample(16) };
+        assert_eq!(filter.take(&unhomed), Taken::Restart);
+        assert_eq!(filter.take(&Sample { tick: 17, ..unhomed }), Taken::Nothing);
     }
 }
