@@ -27,6 +27,8 @@ use crate::{Config, Error, ProcessIdentity, RunDir, Supervision, boot_id};
 const RUNTIME: &str = "/run/farreach";
 /// Folder of what a person wrote for each rig.
 const SETTINGS: &str = "/etc/farreach";
+/// How long all units may take to stop, one after another: more than the sum of `TimeoutStopSec=`.
+const STOP_LIMIT: Duration = Duration::from_secs(90);
 /// So often a stop looks which processes have ended.
 const POLL_PERIOD: Duration = Duration::from_millis(1);
 
@@ -183,24 +185,35 @@ pub fn stop(rig: &str) -> Result<StopReport, Error> {
     let mut alive: Vec<(String, OwnedFd)> = before.units.iter().filter_map(handle).collect();
     let asked = Instant::now();
     let mut units = Vec::new();
+    let mut see_the_ended = |alive: &mut Vec<(String, OwnedFd)>| {
+        for (name, _) in alive.extract_if(.., |(_, handle)| has_ended(handle)) {
+            let took_ms = u64::try_from(asked.elapsed().as_millis()).unwrap_or(u64::MAX);
+            let exit = Some(Exit::Unknown.to_string());
+            units.push(UnitStop { name, exit, killed: false, took_ms });
+        }
+    };
     std::thread::scope(|scope| {
         let request = scope.spawn(|| manage("stop", &target(rig)));
-        loop {
-            let over = request.is_finished();
-            for (name, _) in alive.extract_if(.., |(_, handle)| has_ended(handle)) {
-                let took_ms = u64::try_from(asked.elapsed().as_millis()).unwrap_or(u64::MAX);
-                let exit = Some(Exit::Unknown.to_string());
-                units.push(UnitStop { name, exit, killed: false, took_ms });
-            }
-            if over {
-                let ended = request.join();
-                return ended.unwrap_or_else(|_| {
-                    Err(Error::system("stop the units", io::Error::other("a thread failed")))
-                });
-            }
+        while !request.is_finished() {
+            see_the_ended(&mut alive);
             std::thread::sleep(POLL_PERIOD);
         }
+        request.join().unwrap_or_else(|_| {
+            Err(Error::system("stop the units", io::Error::other("a thread failed")))
+        })
     })?;
+    // The target is over before its units are.
+    while !alive.is_empty() {
+        if asked.elapsed() > STOP_LIMIT {
+            let left: Vec<String> = alive.iter().map(|(name, _)| unit(rig, name)).collect();
+            return Err(Error::Systemctl {
+                command: format!("systemctl stop {}", target(rig)),
+                message: format!("still alive after {STOP_LIMIT:?}: {}", left.join(", ")),
+            });
+        }
+        see_the_ended(&mut alive);
+        std::thread::sleep(POLL_PERIOD);
+    }
     Ok(StopReport {
         rig_name: rig.to_owned(),
         cause: "a request to systemd".to_owned(),
