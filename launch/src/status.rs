@@ -128,7 +128,7 @@ pub struct UnitStop {
     pub exit: Option<String>,
     /// Whether it had to be killed: it did not end within `TimeoutStopSec=`.
     pub killed: bool,
-    /// From the first signal to its end, in ms.
+    /// From the first signal to its end, in ms; under systemd, from the request to stop the rig.
     pub took_ms: u64,
 }
 

@@ -7,13 +7,18 @@
 mod show;
 
 use std::collections::BTreeMap;
+use std::io;
+use std::os::fd::OwnedFd;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
 
 use ipc_types::{PROCESSES, ProcessEntry};
 use rustix::process::Signal;
 
 use self::show::Shown;
+use crate::identity::has_ended;
+use crate::lifecycle::Exit;
 use crate::status::{RigState, Status, StopReport, UnitState, UnitStatus, UnitStop, unix_ms};
 use crate::{Config, Error, ProcessIdentity, RunDir, Supervision, boot_id};
 
@@ -22,6 +27,10 @@ use crate::{Config, Error, ProcessIdentity, RunDir, Supervision, boot_id};
 const RUNTIME: &str = "/run/farreach";
 /// Folder of what a person wrote for each rig.
 const SETTINGS: &str = "/etc/farreach";
+/// How long all units may take to stop, one after another: more than the sum of `TimeoutStopSec=`.
+const STOP_LIMIT: Duration = Duration::from_secs(90);
+/// So often a stop looks which processes have ended.
+const POLL_PERIOD: Duration = Duration::from_millis(1);
 
 /// The target of a rig.
 pub fn target(rig: &str) -> String {
@@ -171,24 +180,45 @@ fn state_of(target: &Shown, units: &[UnitStatus]) -> RigState {
 /// [`Error::NotUp`], or [`Error::NotPermitted`] with what root is to enter.
 pub fn stop(rig: &str) -> Result<StopReport, Error> {
     let before = status(rig)?;
-    let asked_us = now_us();
-    manage("stop", &target(rig))?;
-    let (_, shown) = show(rig)?;
-    let mut stopped: Vec<_> = shown
-        .iter()
-        .filter(|(entry, of)| before.unit(entry.name()).is_some() && of.inactive_us > asked_us)
-        .collect();
-    stopped.sort_by_key(|(_, of)| of.inactive_us);
-    let units = stopped.into_iter().map(|(entry, of)| UnitStop {
-        name: entry.name().to_owned(),
-        exit: of.exit(),
-        killed: of.was_killed(),
-        took_ms: of.inactive_us.saturating_sub(of.stopping_us.max(asked_us)) / 1000,
-    });
+    // systemd forgets a unit that is over, so that it cannot be asked how that was: the processes
+    // themselves are watched.
+    let handle = |unit: &UnitStatus| Some((unit.name.clone(), unit.process?.open()?));
+    let mut alive: Vec<(String, OwnedFd)> = before.units.iter().filter_map(handle).collect();
+    let asked = Instant::now();
+    let mut units = Vec::new();
+    let mut see_the_ended = |alive: &mut Vec<(String, OwnedFd)>| {
+        for (name, _) in alive.extract_if(.., |(_, handle)| has_ended(handle)) {
+            let took_ms = u64::try_from(asked.elapsed().as_millis()).unwrap_or(u64::MAX);
+            let exit = Some(Exit::Unknown.to_string());
+            units.push(UnitStop { name, exit, killed: false, took_ms });
+        }
+    };
+    std::thread::scope(|scope| {
+        let request = scope.spawn(|| manage("stop", &target(rig)));
+        while !request.is_finished() {
+            see_the_ended(&mut alive);
+            std::thread::sleep(POLL_PERIOD);
+        }
+        request.join().unwrap_or_else(|_| {
+            Err(Error::system("stop the units", io::Error::other("a thread failed")))
+        })
+    })?;
+    // The target is over before its units are.
+    while !alive.is_empty() {
+        if asked.elapsed() > STOP_LIMIT {
+            let left: Vec<String> = alive.iter().map(|(name, _)| unit(rig, name)).collect();
+            return Err(Error::Systemctl {
+                command: format!("systemctl stop {}", target(rig)),
+                message: format!("still alive after {STOP_LIMIT:?}: {}", left.join(", ")),
+            });
+        }
+        see_the_ended(&mut alive);
+        std::thread::sleep(POLL_PERIOD);
+    }
     Ok(StopReport {
         rig_name: rig.to_owned(),
         cause: "a request to systemd".to_owned(),
-        units: units.collect(),
+        units,
         strays: Vec::new(),
     })
 }

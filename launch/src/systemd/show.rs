@@ -6,16 +6,14 @@ use crate::lifecycle::Exit;
 use crate::status::UnitState;
 
 /// The properties that are read.
-pub(super) const PROPERTIES: &str = "Id,ActiveState,SubState,MainPID,NRestarts,Result,ExecMainCode,\
-    ExecMainStatus,StatusText,StateChangeTimestampMonotonic,ActiveExitTimestampMonotonic,\
-    InactiveEnterTimestampMonotonic";
+pub(super) const PROPERTIES: &str = "Id,ActiveState,SubState,MainPID,NRestarts,ExecMainCode,\
+    ExecMainStatus,StatusText,StateChangeTimestampMonotonic";
 
 /// What systemd says of a unit.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(super) struct Shown {
     active: String,
     sub: String,
-    result: String,
     /// How the main process ended: `CLD_EXITED`, `CLD_KILLED`, `CLD_DUMPED`; 0 while it runs.
     exit_code: i32,
     /// With which code, or by which signal.
@@ -28,10 +26,6 @@ pub(super) struct Shown {
     pub(super) status_text: Option<String>,
     /// When it entered this state (µs, `CLOCK_MONOTONIC`).
     pub(super) changed_us: u64,
-    /// When its stop began (µs, `CLOCK_MONOTONIC`).
-    pub(super) stopping_us: u64,
-    /// When it was over (µs, `CLOCK_MONOTONIC`).
-    pub(super) inactive_us: u64,
 }
 
 impl Shown {
@@ -60,25 +54,17 @@ impl Shown {
         Some(exit.to_string())
     }
 
-    /// Whether systemd had to kill it.
-    pub(super) fn was_killed(&self) -> bool {
-        matches!(self.result.as_str(), "timeout" | "watchdog")
-    }
-
     fn set(&mut self, key: &str, value: &str) {
         let number = || value.parse::<u64>().unwrap_or(0);
         match key {
             "ActiveState" => value.clone_into(&mut self.active),
             "SubState" => value.clone_into(&mut self.sub),
-            "Result" => value.clone_into(&mut self.result),
             "MainPID" => self.pid = value.parse().unwrap_or(0),
             "ExecMainCode" => self.exit_code = value.parse().unwrap_or(0),
             "ExecMainStatus" => self.exit_status = value.parse().unwrap_or(0),
             "NRestarts" => self.restarts = value.parse().unwrap_or(0),
             "StatusText" => self.status_text = Some(value.to_owned()).filter(|it| !it.is_empty()),
             "StateChangeTimestampMonotonic" => self.changed_us = number(),
-            "ActiveExitTimestampMonotonic" => self.stopping_us = number(),
-            "InactiveEnterTimestampMonotonic" => self.inactive_us = number(),
             _ => {}
         }
     }
@@ -108,7 +94,6 @@ StateChangeTimestampMonotonic=1000
 
 MainPID=4711
 NRestarts=2
-Result=success
 ExecMainCode=0
 ExecMainStatus=0
 StatusText=realtime
@@ -118,14 +103,13 @@ SubState=running
 StateChangeTimestampMonotonic=2000
 
 MainPID=0
-Result=watchdog
 ExecMainCode=2
 ExecMainStatus=9
 StatusText=
 Id=farreach-logger@bench.service
 ActiveState=activating
 SubState=auto-restart
-InactiveEnterTimestampMonotonic=3000
+StateChangeTimestampMonotonic=3000
 ";
 
     #[test]
@@ -138,9 +122,9 @@ InactiveEnterTimestampMonotonic=3000
         assert_eq!((control.exit(), control.changed_us), (None, 2000));
         assert_eq!(control.status_text.as_deref(), Some("realtime"));
         let logger = &shown["farreach-logger@bench.service"];
-        assert_eq!((logger.state(), logger.inactive_us), (UnitState::BackOff, 3000));
+        assert_eq!((logger.state(), logger.changed_us), (UnitState::BackOff, 3000));
         assert_eq!(logger.exit().as_deref(), Some("signal 9 (SIGKILL)"));
-        assert!(logger.was_killed() && logger.status_text.is_none());
+        assert_eq!(logger.status_text, None);
     }
 
     #[test]
