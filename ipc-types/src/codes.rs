@@ -334,6 +334,12 @@ codes! {
         /// The simulated machine was changed while it moves: the text has its effects, `a` how
         /// many.
         EffectsChanged = 45, "effects changed";
+        /// A fault was put into the simulated card or machine: `a` the tick of the first scan with
+        /// it, `b` the axis, `c` its size; the text has the fault.
+        FaultBegun = 46, "fault begun";
+        /// A fault of the simulated card or machine is over: `a` the tick of the first scan without
+        /// it, `b` the axis; the text has the fault.
+        FaultEnded = 47, "fault ended";
     }
 
     /// What the monitor knows of an axis.

@@ -1,6 +1,7 @@
 //! Command-line arguments of the operator's commands, and their dispatch.
 
 mod actions;
+mod faults;
 mod show_status;
 mod up_down;
 
@@ -13,6 +14,7 @@ use ipc_types::{CardKind, Profile, Verb};
 use runtime::RigName;
 
 use crate::RunOptions;
+pub use faults::{FaultArguments, FaultCommand};
 
 /// Where the console listens unless told: not to be reached from other computers.
 const CONSOLE_AT: &str = "127.0.0.1:8321";
@@ -70,26 +72,11 @@ pub enum Command {
     /// Stops the running protocol: the handle comes to rest, the motor stays enabled at 0 V
     #[command(after_help = "Example:\n  farreach stop")]
     Stop(OutputFormat),
-    /// Puts a fault into the simulated card of a rig that is up
-    #[command(subcommand)]
-    Fault(Fault),
-}
-
-/// `farreach fault`: faults of the simulated card.
-#[derive(Clone, Debug, Subcommand)]
-pub enum Fault {
-    /// Changes the simulated machine while it moves: to that of the rig file with these effects in
-    /// every axis, which no model is told of. Without any, tells those that it has
-    #[command(after_help = "Examples:\n  farreach fault effect backlash@slave=0.05\n  \
-        farreach fault effect none")]
-    Effect {
-        /// The effects; `none` for the machine of the rig file
-        #[arg(value_name = "ID[@SITE][=SIZE]")]
-        effects: Vec<String>,
-        #[command(flatten)]
-        #[allow(missing_docs)]
-        json: OutputFormat,
-    },
+    /// Puts a fault into the simulated card or machine of a rig that is up
+    #[command(after_help = "Examples:\n  farreach fault encoder_stuck@master\n  \
+        farreach fault encoder_dropout@slave --for 0.05\n  farreach fault adc_rail@torque=-1\n  \
+        farreach fault list\n  farreach fault clear")]
+    Fault(FaultArguments),
 }
 
 /// `farreach rec start`, `farreach rec stop`: the recording of a rig that is up.
@@ -236,9 +223,7 @@ pub fn run(command: Command, rig_name: &RigName) -> anyhow::Result<i32> {
         Command::Run(arguments) => actions::run(&arguments, rig_name),
         Command::Console(OutputFormat { json }) => actions::console(rig_name, json),
         Command::Stop(OutputFormat { json }) => actions::stop(rig_name, json),
-        Command::Fault(Fault::Effect { effects, json: OutputFormat { json } }) => {
-            actions::change_effects(rig_name, effects, json)
-        }
+        Command::Fault(arguments) => faults::fault(rig_name, arguments),
     }
 }
 
