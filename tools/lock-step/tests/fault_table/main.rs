@@ -215,9 +215,9 @@ fn a_stuck_relay_is_seen_when_the_rig_is_armed_again() {
     assert_eq!(verb(Verb::Arm), Err(Refusal::MotorPowered));
 }
 
-/// A slave that is seized, in lock-step: the loop on the master goes on, and the slave stands.
+/// A seized slave stands while the master winds up the line; let go, it springs back.
 #[test]
-fn the_movement_goes_on_once_a_fault_of_the_machine_is_over() {
+fn a_seized_slave_stands_to_its_last_tick() {
     for (_, text) in RIGS {
         let rig = rig(text);
         let mut bench = Bench::new(&rig);
@@ -225,21 +225,20 @@ fn the_movement_goes_on_once_a_fault_of_the_machine_is_over() {
         let fault = Fault::parse("seized", None, Some(0.5), &rig).unwrap();
         let (injection, plant) = bench.injector.prepare(&fault).unwrap();
         assert!(bench.live.card.begin_fault(&injection, plant).0);
+        // So fast that the speed limit may trip.
+        bench.live.may_trip = true;
         bench.run(2);
         let stands = bench.live.card.motion().slave_position_rad;
-        let mut alike = true;
-        for _ in 0..990 {
+        for _ in 0..997 {
             bench.run(1);
-            alike &= bench.live.card.motion().slave_position_rad == stands;
+            assert_eq!(bench.live.card.motion().slave_position_rad, stands);
         }
-        assert!(alike);
-        let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
-        bench.run(SECOND);
+        let mut furthest = 0.0_f64;
         for _ in 0..SECOND {
             bench.run(1);
-            let now = bench.live.card.motion().slave_position_rad;
-            (low, high) = (low.min(now), high.max(now));
+            let moved = bench.live.card.motion().slave_position_rad - stands;
+            furthest = furthest.max(moved.abs());
         }
-        assert!(high - low > 0.3, "it moves again: {low} to {high}");
+        assert!(furthest > 0.1, "it moves again: {furthest} rad");
     }
 }

@@ -44,7 +44,7 @@ fn name(kind: &FaultKind) -> String {
 
 fn size(kind: &FaultKind) -> String {
     let Some(size) = kind.size else { return "–".to_owned() };
-    format!("{}: {} {}", size.what, size.default, size.unit)
+    format!("{} {} ({})", size.default, size.unit, size.what)
 }
 
 fn figures(rows: &[Row]) -> String {
