@@ -7,7 +7,7 @@ use simulator::faults::{FaultKind, LIST, Promise};
 
 use crate::{Outcome, Row};
 
-const TEMPLATE: &str = include_str!("faults.md");
+const TEMPLATE: &str = include_str!("faults.txt");
 
 /// Compares the page in the tree with list and figures; with `UPDATE_PAGES=1` writes it.
 pub(crate) fn check(rows: &[Row]) {
