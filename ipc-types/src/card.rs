@@ -5,6 +5,10 @@ use crate::codes::codes;
 /// Scans in the simulated card's FIFO.
 pub const CARD_FIFO: usize = 512;
 
+/// What a scan of the simulated card holds in place of the count of an encoder that does not
+/// answer.
+pub const ABSENT_COUNT: i64 = i64::MIN;
+
 codes! {
     /// The card behind acquisition. Its name is the value of `--card`.
     CardKind {

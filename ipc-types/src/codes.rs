@@ -360,6 +360,12 @@ codes! {
         EffectsChanged = 45, "effects changed";
         /// The clock of the day was set: `a` by how much (s).
         ClockStepped = 46, "clock stepped";
+        /// A fault was put into the simulated card or machine: `a` the tick of the first scan with
+        /// it, `b` the axis, `c` its size; the text has the fault.
+        FaultBegun = 47, "fault begun";
+        /// A fault of the simulated card or machine is over: `a` the tick of the first scan without
+        /// it, `b` the axis; the text has the fault.
+        FaultEnded = 48, "fault ended";
     }
 
     /// What the monitor knows of an axis.

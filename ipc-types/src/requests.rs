@@ -70,14 +70,30 @@ pub struct LoggerAnswer {
 }
 
 /// Request to the simulated card.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum SimulatorRequest {
     /// Changes the simulated machine while it moves, to that of the rig file with these effects.
     Effects {
         /// Each `ID[@SITE][=SIZE]`.
         effects: Vec<String>,
     },
-    /// Which effects has it, beside those of the rig file?
+    /// Puts a fault into the card or the machine.
+    Fault {
+        /// `KIND[@PLACE][=SIZE]`.
+        fault: String,
+        /// Name or number of the axis; `None`: the first.
+        axis: Option<String>,
+        /// How long (s); `None`: until it is cleared.
+        for_s: Option<f64>,
+    },
+    /// Ends faults.
+    ClearFaults {
+        /// `KIND[@PLACE]`: those alone; `None`: all.
+        fault: Option<String>,
+        /// Name or number of the axis; `None`: every axis.
+        axis: Option<String>,
+    },
+    /// Which effects and faults has it?
     Status,
 }
 
@@ -86,8 +102,38 @@ pub enum SimulatorRequest {
 pub struct SimulatorAnswer {
     /// Effects of the simulated machine, beside those of the rig file.
     pub effects: Vec<String>,
-    /// Why they were not changed; empty otherwise.
+    /// Faults in force; in the answer to a request that begins or ends faults, those alone.
+    pub faults: Vec<InjectedFault>,
+    /// Why nothing was changed; empty otherwise.
     pub error: String,
+}
+
+/// A fault of the simulated card or machine.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct InjectedFault {
+    /// `KIND[@PLACE][=SIZE]`.
+    pub fault: String,
+    /// Name of its axis.
+    pub axis: String,
+    /// Tick of the first scan with it.
+    pub begun_tick: u64,
+    /// Tick at which it ends by itself; `None`: it stays until it is cleared.
+    pub until_tick: Option<u64>,
+    /// Tick of the first scan without it; `None` while it is in force.
+    pub ended_tick: Option<u64>,
+}
+
+impl fmt::Display for InjectedFault {
+    /// `encoder_stuck@master on handle since tick 123456`.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { fault, axis, begun_tick, until_tick, ended_tick } = self;
+        write!(f, "{fault} on {axis} since tick {begun_tick}")?;
+        match (ended_tick, until_tick) {
+            (Some(tick), _) => write!(f, ", over at tick {tick}"),
+            (None, Some(tick)) => write!(f, ", until tick {tick}"),
+            (None, None) => Ok(()),
+        }
+    }
 }
 
 /// Request to the experiment runner.

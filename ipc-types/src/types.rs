@@ -184,9 +184,9 @@ messages! {
         scan_time_ns: u64,
         /// highest tick that acquisition has taken out of the FIFO and published
         taken_tick: u64,
-        /// encoder counts of the master
+        /// encoder counts of the master; -2^63 for an encoder that does not answer
         master_counts: [i64; AXES],
-        /// encoder counts of the slave
+        /// encoder counts of the slave; -2^63 for an encoder that does not answer
         slave_counts: [i64; AXES],
         /// analog inputs (V)
         analog_v: [f64; ANALOG],

@@ -123,13 +123,20 @@ impl Plant {
         plant.rest_at(slave_rad / ratio, None);
     }
 
-    /// Takes over positions, velocities and time of another machine with the same axes. Lines with
-    /// a history, and effects with an inner state, begin anew.
+    /// Takes over positions, velocities, time and breakdowns of another machine with the same axes.
+    /// Lines with a history, and other effects with an inner state, begin anew.
     pub fn go_on_from(&mut self, other: &Self) {
         for (axis, from) in self.axes.iter_mut().zip(&other.axes) {
+            axis.take_over_breakdowns(from);
             axis.set_state(*from.state());
         }
         self.coupled_at_start_j = self.coupled_j();
+    }
+
+    /// Ends the breakdown of that number ([`crate::effects::breakdowns`]): what it did ends, what
+    /// it left behind stays. Allocates nothing.
+    pub fn end_breakdown(&mut self, number: u64) {
+        self.axes.iter_mut().for_each(|axis| axis.end_breakdown(number));
     }
 
     /// Motion of an axis; all zero where there is no such axis.

@@ -140,6 +140,16 @@ macro_rules! transmissions {
                 }
             };
         }
+
+        /// Calls the same on two plants of one kind; does nothing for two of different kinds.
+        macro_rules! each_pair {
+            ($plants:expr, $own:ident, $other:ident => $call:expr) => {
+                match $plants {
+                    $((Plant::$kind($own), Plant::$kind($other)) => $call,)+
+                    _ => {}
+                }
+            };
+        }
     };
 }
 
@@ -193,6 +203,17 @@ impl Plant {
     /// Longest internal step, s.
     pub fn longest_step_s(&self) -> f64 {
         each!(self, plant => plant.longest_step_s())
+    }
+
+    /// See [`crate::transmission::Plant::end_breakdown`].
+    pub fn end_breakdown(&mut self, number: u64) {
+        each!(self, plant => plant.end_breakdown(number));
+    }
+
+    /// Takes over what the breakdowns of another machine of the same kind are at; before
+    /// [`Plant::set_state`].
+    pub(crate) fn take_over_breakdowns(&mut self, other: &Self) {
+        each_pair!((self, other), own, before => own.take_over_breakdowns(before));
     }
 
     pub(crate) fn slave_inertia_kg_m2(&self) -> f64 {

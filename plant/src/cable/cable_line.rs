@@ -80,9 +80,9 @@ impl LineLaw for CableLine {
         parameters.changed_modes_rad_s(extra_inertia, stiffer)[3]
     }
 
-    fn rest(&mut self, line: usize, end: usize, deflection_m: f64) {
-        self.offset_m[line][end] = 0.0;
-        self.elements[line][end].relax(self.rest_m + PULL[line][end] * deflection_m);
+    fn rest(&mut self, line: usize, end: usize, deflection_m: f64, shift_m: f64) {
+        self.offset_m[line][end] = shift_m;
+        self.elements[line][end].relax(self.rest_m + PULL[line][end] * (deflection_m + shift_m));
     }
 
     fn force(&mut self, link: &mut Link, declared_m: f64, _declared_rate: f64) -> DeclaredForce {

@@ -50,14 +50,7 @@ pub enum EffectError {
 /// # Errors
 /// [`EffectError`], which names what is known or allowed.
 pub fn parse(text: &str) -> Result<Box<dyn Effect>, EffectError> {
-    let (name, size) = match text.split_once('=') {
-        Some((name, size)) => (name, Some(size.trim())),
-        None => (text, None),
-    };
-    let (id, site) = match name.split_once('@') {
-        Some((id, site)) => (id.trim(), Some(site.trim())),
-        None => (name.trim(), None),
-    };
+    let (id, site, size) = split(text);
     let entry = find(id)?;
     let place = match site {
         None => entry.sites[0],
@@ -76,6 +69,18 @@ pub fn parse(text: &str) -> Result<Box<dyn Effect>, EffectError> {
     build(entry, place.site, size)
 }
 
+/// The parts of `ID[@SITE][=SIZE]`.
+pub fn split(text: &str) -> (&str, Option<&str>, Option<&str>) {
+    let (name, size) = match text.split_once('=') {
+        Some((name, size)) => (name, Some(size.trim())),
+        None => (text, None),
+    };
+    match name.split_once('@') {
+        Some((id, site)) => (id.trim(), Some(site.trim()), size),
+        None => (name.trim(), None, size),
+    }
+}
+
 /// Makes an effect at a site with a size in its own main unit.
 ///
 /// # Errors
@@ -88,7 +93,7 @@ pub fn make(id: &str, site: Site, size: f64) -> Result<Box<dyn Effect>, EffectEr
     build(entry, site, size)
 }
 
-fn build(entry: &Entry, site: Site, size: f64) -> Result<Box<dyn Effect>, EffectError> {
+pub(super) fn build(entry: &Entry, site: Site, size: f64) -> Result<Box<dyn Effect>, EffectError> {
     let mut effect = entry.build.ok_or_else(|| unknown(entry.id))?(site);
     let name = effect.infos()[0].name;
     effect.set(name, size).map_err(|error| EffectError::Size { id: entry.id, error })?;

@@ -81,6 +81,28 @@ impl Sited {
         Ok(sited)
     }
 
+    /// Takes over what the breakdowns of another machine are at, by their numbers.
+    pub(crate) fn take_over_breakdowns(&mut self, other: &Self) {
+        for state in self.at.iter_mut().flatten().filter_map(|effect| effect.breakdown_mut()) {
+            let mut before = other.at.iter().flatten().filter_map(|effect| effect.breakdown());
+            if let Some(before) = before.find(|before| before.number == state.number) {
+                *state = *before;
+            }
+        }
+    }
+
+    /// Ends the breakdown of that number.
+    pub(crate) fn end_breakdown(&mut self, number: u64) {
+        let all = self.at.iter_mut().flatten().filter_map(|effect| effect.breakdown_mut());
+        all.filter(|state| state.number == number).for_each(|state| state.over = true);
+    }
+
+    /// Deflection of a link at which it carries no force, by what breakdowns have left behind, m.
+    pub(crate) fn offset_m(&self, line: usize, end: usize) -> f64 {
+        let all = self.at.iter().flatten().filter_map(|effect| effect.breakdown());
+        all.map(|state| state.offset_m[line][end]).sum()
+    }
+
     /// The motor's torque at the volts commanded, N·m.
     pub(crate) fn motor_torque(
         &mut self,

@@ -14,6 +14,7 @@ use crate::transmission::Reading;
 use std::fmt;
 
 mod adjustable_constants;
+mod breakdown;
 mod by_name;
 mod by_site;
 mod declaration;
@@ -24,6 +25,7 @@ pub mod amplifier_lag;
 pub mod amplifier_saturation;
 pub mod asymmetric_friction;
 pub mod backlash;
+pub mod breakdowns;
 pub mod coulomb_friction;
 pub mod encoder_eccentricity;
 pub mod end_stop;
@@ -57,7 +59,8 @@ pub mod viscoelastic_line;
 pub mod viscous_friction;
 
 pub use adjustable_constants::LineConstants;
-pub use by_name::{EffectError, entry, make, of_one_axis, of_one_channel, of_plants, parse};
+pub use breakdown::Breakdown;
+pub use by_name::{EffectError, entry, make, of_one_axis, of_one_channel, of_plants, parse, split};
 pub(crate) use by_site::{Reach, Sited};
 pub(crate) use declaration::effect;
 pub use declaration::{Entry, Place};
@@ -311,6 +314,16 @@ pub trait Effect: Identity + ParameterSet + CloneEffect + fmt::Debug + Send {
     /// may): [`Effect::deflect`] and [`Effect::link`] may otherwise not be called.
     fn acts_on_links(&self) -> bool {
         false
+    }
+
+    /// State of a breakdown; `None` for what an intact machine has.
+    fn breakdown(&self) -> Option<&Breakdown> {
+        None
+    }
+
+    /// The same, to be changed.
+    fn breakdown_mut(&mut self) -> Option<&mut Breakdown> {
+        None
     }
 
     /// Site drive: the amplifier's volts from the commanded.

@@ -34,8 +34,9 @@ pub trait LineLaw: Clone + fmt::Debug + Send {
         parameters.changed_modes_rad_s(extra_inertia, 1.0)[3] * stiffness_factor.sqrt()
     }
 
-    /// Lets a link rest at a deflection (m): its history is forgotten.
-    fn rest(&mut self, _line: usize, _end: usize, _deflection_m: f64) {}
+    /// Lets a link rest at a deflection (m), which effects change by `shift_m`: its history is
+    /// forgotten.
+    fn rest(&mut self, _line: usize, _end: usize, _deflection_m: f64, _shift_m: f64) {}
 
     /// Computes the force of a link whose deflection effects may have changed from `declared_m` and
     /// whose rate they may have changed from `declared_rate_m_s`.

@@ -1,6 +1,6 @@
 //! The card as acquisition sees it: batched, so that a late wake yields late samples and not holes.
 
-use ipc_types::{ANALOG, AXES, Capabilities, CardKind, CardScan};
+use ipc_types::{ABSENT_COUNT, ANALOG, AXES, Capabilities, CardKind, CardScan};
 use thiserror::Error;
 
 use crate::timing::Losses;
@@ -55,13 +55,25 @@ pub struct Physical {
 }
 
 impl Scan {
-    /// A scan of the simulated card; `present` is what its rig has.
-    pub fn of_card(scan: &CardScan, present: Present) -> Self {
+    /// A scan of the simulated card; `present` is what its rig has. An encoder that does not answer
+    /// is absent, with a count of 0.
+    pub fn of_card(scan: &CardScan, mut present: Present) -> Self {
+        let (mut master_counts, mut slave_counts) = (scan.master_counts, scan.slave_counts);
+        for (counts, bits) in
+            [(&mut master_counts, &mut present.master), (&mut slave_counts, &mut present.slave)]
+        {
+            for (axis, count) in counts.iter_mut().enumerate() {
+                if *count == ABSENT_COUNT {
+                    *count = 0;
+                    *bits &= !(1 << axis);
+                }
+            }
+        }
         Self {
             tick: scan.tick,
             time_ns: scan.scan_time_ns,
-            master_counts: scan.master_counts,
-            slave_counts: scan.slave_counts,
+            master_counts,
+            slave_counts,
             analog_v: scan.analog_v,
             motor_v: scan.motor_v,
             digital_in: scan.digital_in,

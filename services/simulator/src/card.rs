@@ -1,10 +1,7 @@
 //! The simulated card as a pure core: the caller passes tick and time.
 
 use ipc_types::{ANALOG, AXES, CardScan, Performance};
-use plant::ParameterError;
-use plant::coupled_axes::{CouplingError, HandleCoupling, Plant};
-use plant::effects::end_stop::EndStop;
-use plant::effects::{EffectError, parse};
+use plant::coupled_axes::Plant;
 use plant::sensors::{
     Drift, Emg, EmgParameters, ScannerEmulator, TorqueCell, TorqueCellParameters,
 };
@@ -12,30 +9,11 @@ use plant::transmission::{Input, Motion};
 use rand::{RngExt as _, SeedableRng};
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64Mcg;
-use rig::{Axis, ChannelKind, DIGITAL_HIGH_V, HandKind, RigFile, ScannerInput};
+use rig::{Axis, ChannelKind, DIGITAL_HIGH_V, RigFile, ScannerInput};
 
+use crate::faults::{Action, ActiveFaults, Counters, FaultNotice, Injection};
+use crate::machine::{CardError, plant_of};
 use crate::subject::Subject;
-use thiserror::Error;
-
-/// Why the simulated card cannot be built from a rig file.
-#[derive(Debug, Error)]
-#[allow(missing_docs)]
-pub enum CardError {
-    #[error(transparent)]
-    Rig(#[from] rig::RigError),
-    #[error("model.parameters: {0}")]
-    Parameter(#[from] ParameterError),
-    #[error("--effect: {0}")]
-    Effect(#[from] EffectError),
-    #[error("coupling of the handle: {0}")]
-    Coupling(#[from] CouplingError),
-    /// The model kind has no simulated plant.
-    #[error(
-        "{file}: the simulated card can simulate the model kinds \"hydrostatic\" and \"cable\"; \
-         found kind \"{kind}\"; replay a measured record instead (`farreach up --replay RECORD`)"
-    )]
-    NoPlant { file: String, kind: &'static str },
-}
 
 /// Range of an analog input that the rig file does not describe (V).
 const DEFAULT_RANGE_V: f64 = 10.0;
@@ -123,6 +101,12 @@ pub struct Card {
     output_incarnation: u64,
     /// Highest tick that acquisition has read and published.
     taken_tick: u64,
+    faults: ActiveFaults,
+    counters: Counters,
+    /// Analog inputs of the scan before (V).
+    analog_before_v: [f64; ANALOG],
+    /// Volts that acted on the motors after the newest scan (V).
+    applied_v: [f64; AXES],
 }
 
 impl Card {
@@ -188,6 +172,10 @@ impl Card {
             output_sequence: 0,
             output_incarnation: 0,
             taken_tick: 0,
+            faults: ActiveFaults::new(),
+            counters: Counters::default(),
+            analog_before_v: [0.0; ANALOG],
+            applied_v: [0.0; AXES],
         })
     }
 
@@ -210,15 +198,53 @@ impl Card {
         std::mem::replace(&mut self.plant, plant)
     }
 
-    /// Lets an encoder's counter jump, as an interference on its cable does; for tests.
-    pub const fn shift_master(&mut self, axis: usize, counts: i64) {
-        self.power_up.master_zero[axis] += counts;
+    /// Begins a fault with the next scan; one of the same kind and place ends then. A fault of the
+    /// machine comes with the machine that has it. Returns a machine that is no longer needed: the
+    /// one before, or that of a fault that was refused because too many are in force. Allocates
+    /// nothing.
+    pub fn begin_fault(
+        &mut self,
+        injection: &Injection,
+        plant: Option<Plant>,
+    ) -> (bool, Option<Plant>) {
+        if !self.faults.begin(*injection) {
+            return (false, plant);
+        }
+        let (axis, encoder) = (injection.axis, injection.at.encoder());
+        if injection.action == Action::EncoderJump && axis < AXES {
+            self.counters[axis][encoder].jump(injection.size as i64);
+        }
+        (true, plant.map(|plant| self.replace_plant(plant)))
+    }
+
+    /// Ends the fault of that number with the next scan.
+    pub fn end_fault(&mut self, number: u64) {
+        self.faults.end(number);
+    }
+
+    /// A fault that has begun or ended with a scan, oldest first; ask after each scan.
+    pub fn fault_notice(&mut self) -> Option<FaultNotice> {
+        self.faults.notice()
+    }
+
+    /// Whether the newest scan is lost: the FIFO overflows.
+    pub fn scan_is_lost(&self) -> bool {
+        self.faults.any(Action::FifoOverflow)
+    }
+
+    /// Volts that acted on the motors after the newest scan, whatever the read-back shows (V).
+    pub const fn applied_v(&self) -> [f64; AXES] {
+        self.applied_v
     }
 
     /// Writes the DACs; they hold until the next write. A value that is not finite is written as 0
     /// V.
     pub fn write(&mut self, volts: [f64; AXES], sequence: u64, incarnation: u64) {
-        self.dac_v = volts.map(|v| if v.is_finite() { v } else { 0.0 });
+        for (axis, (held, volts)) in self.dac_v.iter_mut().zip(volts).enumerate() {
+            if !self.faults.dac_stuck(axis) {
+                *held = if volts.is_finite() { volts } else { 0.0 };
+            }
+        }
         self.output_sequence = sequence;
         self.output_incarnation = incarnation;
     }
@@ -244,6 +270,9 @@ impl Card {
     /// two edges within the line's timeout. The first report of a new incarnation only sets the
     /// reference count, so that two watchdogs with different levels make no edges between them.
     pub fn enable_line(&mut self, incarnation: u64, toggles: u64, time_ns: u64) {
+        if self.faults.any(Action::LineBroken) {
+            return;
+        }
         let previous = self.enable_line.replace((incarnation, toggles));
         if previous.is_some_and(|(sender, _)| sender != incarnation) {
             self.edge_at_ns = None;
@@ -274,7 +303,10 @@ impl Card {
     /// Runs one period: takes a scan at `time_ns`, then steps the plant to the next scan with the
     /// voltages that are now applied to the motors.
     pub fn clock(&mut self, tick: u64, time_ns: u64) -> CardScan {
-        let powered = self.powered(time_ns);
+        let plant = &mut self.plant;
+        self.faults.advance(tick, |number| plant.end_breakdown(number));
+        let alive = self.powered(time_ns);
+        let powered = self.faults.relay(alive);
         let motor_v = if powered { self.dac_v } else { [0.0; AXES] };
         let mut scan = CardScan {
             tick,
@@ -310,7 +342,10 @@ impl Card {
         if let Some(scanner) = &self.scanner {
             // The first volume begins with the card's first scan.
             let ticks_since_start = tick.saturating_sub(*self.first_tick.get_or_insert(tick));
-            let level = scanner.volts(ticks_since_start as f64 * self.period_s);
+            let level = match self.faults.any(Action::TriggerLost) {
+                true => scanner.trigger.idle_v,
+                false => scanner.volts(ticks_since_start as f64 * self.period_s),
+            };
             if let Some(bit) = self.trigger_bit.filter(|_| level > DIGITAL_HIGH_V) {
                 scan.digital_in |= 1 << bit;
             }
@@ -319,6 +354,8 @@ impl Card {
                 self.set_analog(&mut scan, self.trigger_channels[index], volts);
             }
         }
+        self.faults.analog(&mut scan.analog_v, &self.analog_before_v);
+        self.analog_before_v = scan.analog_v;
         self.powered_scans = if powered { self.powered_scans + 1 } else { 0 };
         let time_s = self.powered_scans as f64 * self.period_s;
         let motion: [(f64, f64); AXES] = std::array::from_fn(|axis| {
@@ -326,8 +363,10 @@ impl Card {
             (motion.slave_position_rad, motion.slave_velocity_rad_s)
         });
         let torques = self.subject.torques(&motion, time_s, time_ns);
+        self.applied_v =
+            std::array::from_fn(|axis| self.faults.drive(axis, motor_v[axis], powered));
         let inputs: [Input; AXES] = std::array::from_fn(|axis| Input {
-            motor_v: motor_v[axis],
+            motor_v: self.applied_v[axis],
             hand_torque_nm: torques[axis],
         });
         self.plant.step(&inputs, self.period_s);
@@ -343,12 +382,16 @@ impl Card {
         let rad_per_count = 1.0 / master.counts_per_unit;
         let noise_rad = self.noise(self.encoder_noise_counts * rad_per_count);
         let master_handle_rad = reading.master_rad / master.turns_per_handle_turn;
-        scan.master_counts[index] = master.counts(master_handle_rad + noise_rad).round() as i64
+        let raw = master.counts(master_handle_rad + noise_rad).round() as i64
             + self.power_up.master_zero[index];
+        let counter = &mut self.counters[index][0];
+        scan.master_counts[index] = self.faults.encoder(counter, (index, 0), raw);
         if let Some(slave) = slave {
             let noise_rad = self.noise(self.encoder_noise_counts / slave.counts_per_unit);
-            scan.slave_counts[index] = slave.counts(reading.slave_rad + noise_rad).round() as i64
+            let raw = slave.counts(reading.slave_rad + noise_rad).round() as i64
                 + self.power_up.slave_zero[index];
+            let counter = &mut self.counters[index][1];
+            scan.slave_counts[index] = self.faults.encoder(counter, (index, 1), raw);
         }
         if let Some((channel, cell)) = &mut self.sensors[index].torque_cell
             && let Some(volts) = scan.analog_v.get_mut(*channel)
@@ -373,34 +416,6 @@ impl Card {
     pub fn motion_of(&self, axis: usize) -> Motion {
         self.plant.motion(axis)
     }
-}
-
-/// The machine of a rig file, with further effects (`ID[@SITE][=SIZE]`) in every axis.
-///
-/// # Errors
-/// As [`Card::new`].
-pub fn plant_of(rig: &RigFile, effects: &[String]) -> Result<Plant, CardError> {
-    let kind = rig.model.kind;
-    if !kind.is_transmission() {
-        return Err(CardError::NoPlant { file: rig.file_name().to_owned(), kind: kind.name() });
-    }
-    let (simulation, hand) = (&rig.simulation, rig.simulation.hand);
-    let mut transmissions = Vec::with_capacity(rig.axes.len());
-    for axis in &rig.axes {
-        let mut parameters = rig.axis_parameters(axis)?;
-        if hand.kind != HandKind::Absent {
-            parameters.load_handle(hand.inertia)?;
-        }
-        let requested = effects.iter().map(|text| parse(text)).collect::<Result<Vec<_>, _>>()?;
-        let mut effects = rig.axis_effects(axis)?;
-        effects.extend(requested);
-        if let Some((lower, upper)) = simulation.end_stops {
-            effects.push(Box::new(EndStop::between(lower, upper)));
-        }
-        transmissions.push(parameters.plant(effects)?);
-    }
-    let coupling = HandleCoupling::of_pairs(rig.axes.len(), &rig.model.handle_coupling)?;
-    Ok(Plant::new(transmissions, &coupling)?)
 }
 
 impl Sensors {

@@ -9,11 +9,14 @@
 
 mod card;
 mod fault_requests;
+pub mod faults;
 mod lock_step;
+mod machine;
 mod process;
 mod subject;
 
-pub use card::{Card, CardError, PowerUp, plant_of};
+pub use card::{Card, PowerUp};
 pub use lock_step::LockStepDaq;
+pub use machine::{CardError, plant_of};
 pub use process::{SimulatorError, run};
 pub use subject::Subject;

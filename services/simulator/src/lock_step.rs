@@ -6,7 +6,8 @@ use ipc_types::{AXES, CARD_FIFO, CardKind};
 use rig::RigFile;
 use runtime::daq::{Daq, DaqError, Present, Scan};
 
-use crate::card::{Card, CardError};
+use crate::card::Card;
+use crate::machine::CardError;
 
 /// A simulated card that time passes on only when [`LockStepDaq::advance`] is called.
 #[derive(Debug)]
@@ -63,6 +64,10 @@ impl LockStepDaq {
                 self.card.enable_line(1, self.tick, now);
             }
             let scan = self.card.clock(self.tick, now);
+            if self.card.scan_is_lost() {
+                self.missed += 1;
+                continue;
+            }
             if self.fifo.len() == CARD_FIFO {
                 self.fifo.pop_front();
                 self.missed += 1;

@@ -5,8 +5,9 @@ use rig::RigFile;
 use runtime::{Grid, Losses, PortError, Service, ServiceError, Timeouts};
 use thiserror::Error;
 
-use crate::card::{Card, CardError, PowerUp};
+use crate::card::{Card, PowerUp};
 use crate::fault_requests::FaultLink;
+use crate::machine::CardError;
 
 /// Scans that the card catches up with after it was not run for a while; a real card is never late.
 const CATCH_UP: u64 = 4096;
@@ -54,8 +55,7 @@ pub fn run(rig_name: &str, rig: &RigFile, effects: &[String]) -> Result<(), Simu
         while let Some(performance) = shown.take()? {
             card.show(&performance);
         }
-        if let Some((plant, event)) = faults.take() {
-            faults.give_back(card.replace_plant(plant));
+        if let Some(event) = faults.carry_out(&mut card) {
             service.publish(event)?;
         }
         // A card's clock never misses: what is due since the last wake is clocked now.
@@ -73,7 +73,14 @@ pub fn run(rig_name: &str, rig: &RigFile, effects: &[String]) -> Result<(), Simu
         for tick in first..=wake.tick {
             let mut scan = card.clock(tick, grid.wake_time(tick));
             scan.profile = profile.code();
-            scans.send(scan)?;
+            if !card.scan_is_lost() {
+                scans.send(scan)?;
+            }
+            while let Some(notice) = card.fault_notice() {
+                if let Some(event) = faults.tell(notice) {
+                    service.publish(event)?;
+                }
+            }
         }
         last_tick = Some(wake.tick);
         let losses = Losses::default()

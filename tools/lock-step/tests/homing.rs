@@ -195,7 +195,7 @@ fn sr_30_a_counter_that_jumps_trips_and_unhomes() {
         }
         bench.play(3);
         bench.live.may_trip = true;
-        bench.live.card.shift_master(0, counts);
+        bench.live.begin_fault(&format!("encoder_jump@master={counts}"), &rig);
         bench.play(1);
         assert_eq!(bench.live.machine.state(), WatchdogState::Tripped);
         assert_eq!(bench.live.machine.cause(), TripCause::EncoderJump);

@@ -1,6 +1,7 @@
 //! Command-line arguments of the operator's commands, and their dispatch.
 
 mod actions;
+mod faults;
 mod show_status;
 mod up_down;
 
@@ -13,6 +14,7 @@ use ipc_types::{CardKind, Profile, Verb};
 use runtime::RigName;
 
 use crate::RunOptions;
+pub use faults::{FaultArguments, FaultCommand};
 
 /// Where the console listens unless told: not to be reached from other computers.
 const CONSOLE_AT: &str = "127.0.0.1:8321";
@@ -109,26 +111,11 @@ pub enum Command {
         #[arg(last = true, value_name = "COMMAND", required_unless_present = "undo")]
         program: Vec<String>,
     },
-    /// Puts a fault into the simulated card of a rig that is up
-    #[command(subcommand)]
-    Fault(Fault),
-}
-
-/// `farreach fault`: faults of the simulated card.
-#[derive(Clone, Debug, Subcommand)]
-pub enum Fault {
-    /// Changes the simulated machine while it moves: to that of the rig file with these effects in
-    /// every axis, which no model is told of. Without any, tells those that it has
-    #[command(after_help = "Examples:\n  farreach fault effect backlash@slave=0.05\n  \
-        farreach fault effect none")]
-    Effect {
-        /// The effects; `none` for the machine of the rig file
-        #[arg(value_name = "ID[@SITE][=SIZE]")]
-        effects: Vec<String>,
-        #[command(flatten)]
-        #[allow(missing_docs)]
-        json: OutputFormat,
-    },
+    /// Puts a fault into the simulated card or machine of a rig that is up
+    #[command(after_help = "Examples:\n  farreach fault encoder_stuck@master\n  \
+        farreach fault encoder_dropout@slave --for 0.05\n  farreach fault adc_rail@torque=-1\n  \
+        farreach fault list\n  farreach fault clear")]
+    Fault(FaultArguments),
 }
 
 /// `farreach rec start`, `farreach rec stop`: the recording of a rig that is up.
@@ -295,9 +282,7 @@ pub fn run(command: Command, rig_name: &RigName) -> anyhow::Result<i32> {
             let took = crate::replace(rig_name, &process, &program, force)?;
             actions::restarted(&process, took, json)
         }
-        Command::Fault(Fault::Effect { effects, json: OutputFormat { json } }) => {
-            actions::change_effects(rig_name, effects, json)
-        }
+        Command::Fault(arguments) => faults::fault(rig_name, arguments),
     }
 }
 

@@ -40,6 +40,15 @@ pub enum Error {
     /// The simulated card refused a fault.
     #[error("{0}")]
     Fault(String),
+    /// The rig has no simulated card.
+    #[error(
+        "rig {rig} has no simulated card that answers: faults and effects are put into the \
+         simulated card and machine only, never into a real one (farreach up --simulate)"
+    )]
+    NoSimulatedCard {
+        /// Its name.
+        rig: String,
+    },
     /// The machine that is to be simulated has other axes or rates than the rig.
     #[error(
         "{file}: expected a machine with {expected}, as the rig file has them; found {found}; \

@@ -8,7 +8,7 @@ use ipc_types::{
     LoggerRequest, Message, SIMULATOR_COMMANDS, SimulatorAnswer, SimulatorRequest, TypedTopic,
     Verb, VerbAnswer, WATCHDOG_COMMANDS,
 };
-use runtime::{Domain, RigName, Subscriber, call};
+use runtime::{Domain, RequestError, RigName, Subscriber, call};
 
 use crate::Error;
 
@@ -84,9 +84,16 @@ impl RigLink {
     /// Sends a request to the simulated card.
     ///
     /// # Errors
-    /// If it does not answer.
+    /// [`Error::NoSimulatedCard`] on a rig with another card; or if it does not answer in time.
     pub fn simulator(&self, request: &SimulatorRequest) -> Result<SimulatorAnswer, Error> {
-        Ok(call(&self.node, &SIMULATOR_COMMANDS, request, EXPERIMENT_LIMIT)?)
+        call(&self.node, &SIMULATOR_COMMANDS, request, EXPERIMENT_LIMIT).map_err(
+            |error| match error {
+                RequestError::NobodyServes(..) => {
+                    Error::NoSimulatedCard { rig: self.domain.name().to_string() }
+                }
+                other => other.into(),
+            },
+        )
     }
 
     /// Sends a request to the experiment process.

@@ -10,8 +10,9 @@ mod table;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use ipc_types::{
-    AXES, CardKind, EnableToken, ExperimentRequest, GateCause, GateState, LoggerRequest,
-    ModelStatus, Process, Profile, ScanProgress, TOPICS, TripCause, WatchdogState,
+    AXES, CardKind, EnableToken, ExperimentRequest, GateCause, GateState, InjectedFault,
+    LoggerRequest, ModelStatus, Process, Profile, ScanProgress, SimulatorRequest, TOPICS,
+    TripCause, WatchdogState,
 };
 use launch::{RigState, Supervision, UnitState};
 use runtime::{DomainError, HostStall, Losses, RigName};
@@ -61,6 +62,8 @@ pub struct RigStatus {
     pub scanner: Option<ScannerStatus>,
     /// The model beside each axis; empty without the monitor.
     pub model: Vec<ModelStatus>,
+    /// Faults in force in the simulated card and machine.
+    pub injected_faults: Vec<InjectedFault>,
     /// The running protocol; `null` if none runs.
     pub protocol: Option<ProtocolStatus>,
     /// The processes.
@@ -275,6 +278,11 @@ impl Watcher {
         let experiment = experiment.filter(|answer| answer.running);
         status.add(observer, experiment.as_ref().and_then(|answer| answer.scan));
         status.protocol = experiment.map(ProtocolStatus::from);
+        if status.backend == Some(CardKind::Simulated) {
+            // A card that does not answer is visible in its process's row.
+            let answer = link.simulator(&SimulatorRequest::Status).ok();
+            status.injected_faults = answer.map_or_else(Vec::new, |answer| answer.faults);
+        }
         Ok(())
     }
 }

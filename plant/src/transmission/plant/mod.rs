@@ -231,6 +231,16 @@ impl<L: LineLaw> Plant<L> {
         }
     }
 
+    /// Takes over what the breakdowns of another machine are at; before [`Plant::set_state`].
+    pub(crate) fn take_over_breakdowns(&mut self, other: &Self) {
+        self.effects.take_over_breakdowns(&other.effects);
+    }
+
+    /// Ends the breakdown of that number; what it left behind stays.
+    pub fn end_breakdown(&mut self, number: u64) {
+        self.effects.end_breakdown(number);
+    }
+
     /// Products of inertia that effects add to a shared handle, by axis, kg·m².
     pub(crate) fn handle_coupling_kg_m2(&self) -> [f64; AXES] {
         self.effects.handle_coupling_kg_m2
@@ -260,7 +270,8 @@ impl<L: LineLaw> Plant<L> {
     /// Lets the lines come to rest where the masses are, and restarts the energy balance.
     fn rest(&mut self) {
         for (line, end) in LINKS {
-            self.law.rest(line, end, self.deflection_m(line, end));
+            let shift_m = -self.effects.offset_m(line, end);
+            self.law.rest(line, end, self.deflection_m(line, end), shift_m);
         }
         self.energy = EnergyBalance::default();
         self.stored_at_start_j = self.stored_and_lost_j().0;

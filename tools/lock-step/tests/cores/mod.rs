@@ -21,6 +21,7 @@ use runtime::Timeouts;
 use runtime::daq::{Present, Scan};
 use runtime::gate::{Gate, GateConfig};
 use simulator::Card;
+use simulator::faults::{Fault, FaultInjector};
 use watchdog::interlock::{Config, Interlock, Peers};
 
 pub const SESSION: u64 = 7;
@@ -120,6 +121,13 @@ impl Rig {
         self.sequences[topic] - 1
     }
 
+    /// Puts a fault into card or machine, from the next scan on.
+    pub fn begin_fault(&mut self, text: &str, rig: &RigFile) {
+        let fault = Fault::parse(text, None, None, rig).unwrap();
+        let (injection, plant) = FaultInjector::new(rig, &[]).prepare(&fault).unwrap();
+        assert!(self.card.begin_fault(&injection, plant).0);
+    }
+
     pub fn simulator(&mut self, tick: u64, now: u64) {
         for (toggles, time_ns) in self.lines.drain(..) {
             self.card.enable_line(1, toggles, time_ns);
@@ -128,7 +136,9 @@ impl Rig {
             self.card.write(volts, 0, ACQUISITION);
         }
         let scan = self.card.clock(tick, now);
-        self.scans.push(Scan::of_card(&scan, self.present));
+        if !self.card.scan_is_lost() {
+            self.scans.push(Scan::of_card(&scan, self.present));
+        }
     }
 
     pub fn acquisition(&mut self, now: u64) {

@@ -5,9 +5,7 @@ use std::path::Path;
 use std::time::Duration;
 
 use indicatif::{ProgressBar, ProgressStyle};
-use ipc_types::{
-    ExperimentAnswer, LoggerAnswer, LoggerRequest, PulseSource, SimulatorRequest, Verb,
-};
+use ipc_types::{ExperimentAnswer, LoggerAnswer, LoggerRequest, PulseSource, Verb};
 use runtime::{DomainError, RigName};
 use serde_json::json;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
@@ -21,7 +19,7 @@ use crate::{
     SessionFiles,
 };
 
-fn link(rig_name: &RigName) -> Result<RigLink, Error> {
+pub(super) fn link(rig_name: &RigName) -> Result<RigLink, Error> {
     RigLink::open(rig_name).map_err(|error| match error {
         Error::Domain(DomainError::NoKeeper(_))
             if launch::status(&rig_name.run_directory()).is_err() =>
@@ -158,31 +156,6 @@ pub(super) fn console(rig_name: &RigName, as_json: bool) -> anyhow::Result<i32> 
     let (operator, subject) = (address.operator(), address.subject());
     let text = format!("operator  {operator}\nsubject   {subject}");
     print(as_json, json!({ "operator": operator, "subject": subject }), &text)?;
-    Ok(DONE)
-}
-
-/// Effects of the machine of the rig file.
-const NO_EFFECT: &str = "none";
-
-pub(super) fn change_effects(
-    rig_name: &RigName,
-    effects: Vec<String>,
-    as_json: bool,
-) -> anyhow::Result<i32> {
-    let request = match effects.as_slice() {
-        [] => SimulatorRequest::Status,
-        [one] if one == NO_EFFECT => SimulatorRequest::Effects { effects: Vec::new() },
-        _ => SimulatorRequest::Effects { effects },
-    };
-    let answer = link(rig_name)?.simulator(&request)?;
-    if !answer.error.is_empty() {
-        return Err(Error::Fault(answer.error).into());
-    }
-    let text = match answer.effects.as_slice() {
-        [] => "the simulated machine is that of the rig file".to_owned(),
-        effects => format!("effects of the simulated machine: {}", effects.join(", ")),
-    };
-    print(as_json, json!({ "effects": answer.effects }), &text)?;
     Ok(DONE)
 }
 

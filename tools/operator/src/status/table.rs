@@ -51,6 +51,7 @@ pub fn table(status: &RigStatus, now: SystemTime, width: usize) -> String {
     lines.extend(status.protocol.iter().flat_map(ProtocolStatus::lines));
     lines.extend(status.scanner.as_ref().map(ScannerStatus::line));
     lines.extend(status.model.iter().map(model_line));
+    lines.extend(status.injected_faults.iter().map(|fault| format!("fault     INJECTED: {fault}")));
     if let Some(recording) = &status.recording {
         lines.push(match &recording.file {
             Some(file) => {
