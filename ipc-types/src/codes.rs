@@ -334,6 +334,9 @@ codes! {
         /// The simulated machine was changed while it moves: the text has its effects, `a` how
         /// many.
         EffectsChanged = 45, "effects changed";
+        /// The rig was armed with `arm --unchecked`: the text says what spoke against it, or that
+        /// nothing did.
+        ArmedUnchecked = 46, "armed unchecked";
     }
 
     /// What the monitor knows of an axis.

@@ -6,13 +6,17 @@ use std::sync::atomic::{AtomicBool, AtomicU8, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 use crossbeam_queue::ArrayQueue;
-use ipc_types::{Verb, VerbAnswer, WATCHDOG_COMMANDS, WatchdogState};
+use ipc_types::{
+    CardKind, Event, EventKind, Process, Severity, Verb, VerbAnswer, WATCHDOG_COMMANDS,
+    WatchdogState,
+};
 use runtime::{Domain, RigName, Server, ServiceError};
 use rustix::event::{PollFd, PollFlags, poll};
 use rustix::fd::OwnedFd;
 use rustix::process::{Pid, PidfdFlags, pidfd_open};
 use rustix::time::Timespec;
 
+use crate::doctor_gate::{DoctorGate, Passage};
 use crate::interlock::Refusal;
 
 /// Period of the thread.
@@ -41,7 +45,14 @@ pub(crate) struct Shared {
     pub(crate) dead: AtomicBool,
     /// Cycles of the thread.
     pub(crate) cycles: AtomicU64,
+    /// The card that the newest sample names ([`CardKind`]); [`NO_CARD`] before the first.
+    pub(crate) card: AtomicU8,
+    /// Events of the thread, for the loop to publish.
+    pub(crate) events: ArrayQueue<Event>,
 }
+
+/// No sample has named a card yet.
+const NO_CARD: u8 = u8::MAX;
 
 impl Shared {
     pub(crate) fn new() -> Self {
@@ -53,6 +64,8 @@ impl Shared {
             state: AtomicU8::new(WatchdogState::Faulted.code()),
             dead: AtomicBool::new(false),
             cycles: AtomicU64::new(0),
+            card: AtomicU8::new(NO_CARD),
+            events: ArrayQueue::new(1),
         }
     }
 }
@@ -139,19 +152,25 @@ impl Launcher {
 
 /// Starts the command thread. It ends with the process's stop flag.
 pub(crate) fn start(
+    gate: DoctorGate,
     name: RigName,
     shared: Arc<Shared>,
     stop: Arc<AtomicBool>,
 ) -> std::io::Result<std::thread::JoinHandle<()>> {
     std::thread::Builder::new().name("verbs".to_owned()).spawn(move || {
         let guard = CommandThreadGuard { shared, stop };
-        if let Err(error) = serve(&name, &guard.shared, &guard.stop) {
+        if let Err(error) = serve(&gate, &name, &guard.shared, &guard.stop) {
             eprintln!("farreach watchdog: the command thread ended: {error}");
         }
     })
 }
 
-fn serve(name: &RigName, shared: &Shared, stop: &AtomicBool) -> Result<(), ServiceError> {
+fn serve(
+    gate: &DoctorGate,
+    name: &RigName,
+    shared: &Shared,
+    stop: &AtomicBool,
+) -> Result<(), ServiceError> {
     let domain = Domain::open(name)?;
     runtime::realtime::request_helper(domain.fifo());
     let node = domain.node("watchdog-verbs")?;
@@ -165,7 +184,7 @@ fn serve(name: &RigName, shared: &Shared, stop: &AtomicBool) -> Result<(), Servi
             shared.keeper.store(domain.keeper_lives(), Ordering::Relaxed);
         }
         server.poll(
-            |verb: Verb| answer(verb, shared),
+            |verb: Verb| answer_through(gate, verb, shared),
             |error| eprintln!("farreach watchdog: a command could not be answered: {error}"),
         )?;
         shared.cycles.fetch_add(1, Ordering::Relaxed);
@@ -174,11 +193,35 @@ fn serve(name: &RigName, shared: &Shared, stop: &AtomicBool) -> Result<(), Servi
     Ok(())
 }
 
-fn answer(verb: Verb, shared: &Shared) -> VerbAnswer {
-    let state = || {
-        WatchdogState::from_code(shared.state.load(Ordering::Relaxed))
-            .unwrap_or(WatchdogState::Faulted)
+/// Answers a verb that the doctor's report allows, or that a person wants all the same.
+fn answer_through(gate: &DoctorGate, verb: Verb, shared: &Shared) -> VerbAnswer {
+    let card = CardKind::from_code(shared.card.load(Ordering::Relaxed));
+    let overridden = match gate.passage(verb, card) {
+        Passage::Refused(reason) => {
+            return VerbAnswer { done: false, state: state(shared), reason };
+        }
+        Passage::Overridden(objection) => Some(objection),
+        Passage::Free => None,
     };
+    let answer = answer(verb, shared);
+    if let Some(objection) = overridden.filter(|_| answer.done) {
+        // The loop has told every earlier one: it has answered this verb since.
+        let _queued = shared.events.push(armed_unchecked(&objection));
+    }
+    answer
+}
+
+/// The event that tells of an `arm --unchecked`.
+fn armed_unchecked(objection: &str) -> Event {
+    Event::new(Process::Watchdog, EventKind::ArmedUnchecked, Severity::Warning, objection)
+}
+
+fn state(shared: &Shared) -> WatchdogState {
+    WatchdogState::from_code(shared.state.load(Ordering::Relaxed)).unwrap_or(WatchdogState::Faulted)
+}
+
+fn answer(verb: Verb, shared: &Shared) -> VerbAnswer {
+    let state = || state(shared);
     // Discards a late answer to an earlier verb.
     while shared.answers.pop().is_some() {}
     let refused = |reason: String| VerbAnswer { done: false, state: state(), reason };
@@ -226,6 +269,33 @@ mod tests {
         let said = answer(Verb::Arm, &shared);
         loop_thread.join().unwrap();
         assert!(!said.done && said.reason.contains("moves"), "{said:?}");
+    }
+
+    #[test]
+    fn sr_14_a_refused_arm_does_not_reach_the_loop_and_an_override_is_told() {
+        let gate = DoctorGate::new(None, "bench".parse().unwrap());
+        let shared = Arc::new(Shared::new());
+        shared.card.store(CardKind::Hardware.code(), Ordering::Relaxed);
+        let said = answer_through(&gate, Verb::Arm, &shared);
+        assert!(!said.done && said.reason.contains("farreach doctor"), "{said:?}");
+        assert!(shared.verbs.is_empty() && shared.events.is_empty());
+        let inner = Arc::clone(&shared);
+        let loop_thread = std::thread::spawn(move || {
+            for done in [Err(Refusal::Moving), Ok(WatchdogState::Armed)] {
+                while inner.verbs.pop().is_none() {
+                    std::thread::yield_now();
+                }
+                inner.answers.push(done).unwrap();
+            }
+        });
+        // What the loop refuses is no override.
+        assert!(!answer_through(&gate, Verb::ArmUnchecked, &shared).done);
+        assert!(shared.events.is_empty());
+        assert!(answer_through(&gate, Verb::ArmUnchecked, &shared).done);
+        loop_thread.join().unwrap();
+        let event = shared.events.pop().unwrap();
+        assert_eq!(event.kind, EventKind::ArmedUnchecked.code());
+        assert!(event.text.starts_with(b"there is no doctor's report"), "{event:?}");
     }
 
     #[test]

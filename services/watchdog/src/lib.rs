@@ -5,6 +5,7 @@
 //! loop through queues that never block.
 
 mod command_thread;
+mod doctor_gate;
 pub mod interlock;
 mod process;
 

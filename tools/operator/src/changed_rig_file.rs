@@ -9,8 +9,8 @@ use rig::RigFile;
 use runtime::RigName;
 
 use crate::Error;
+use crate::kept_folder::absolute;
 use crate::saved_rig_file::{MACHINE, RIG, keep_copy, rig_of, running};
-use crate::up::absolute;
 
 /// How long the processes may take to be ready again.
 const RESTART_LIMIT: Duration = Duration::from_secs(15);
