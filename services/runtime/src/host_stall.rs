@@ -19,7 +19,7 @@ const PRIORITY: i32 = 90;
 const MARGIN: u64 = 2;
 /// A hypervisor that has given more than this share of the processors to other guests since boot
 /// (parts per million) stalls this one for 6 ms a minute.
-const STOLEN_PPM: u64 = 100;
+pub const STOLEN_PPM: u64 = 100;
 
 /// What was measured: the wake lateness of bare 1 kHz loops, one on each processor at a time.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]

@@ -58,7 +58,7 @@ mod worker;
 pub use bare_loop::{bind, own_processors};
 pub use domain::{Domain, DomainError, Keeper, RigName, shared_memory_room};
 pub use grid::{Grid, Wake};
-pub use host_stall::{HostStall, MEASURED_FOR};
+pub use host_stall::{HostStall, MEASURED_FOR, STOLEN_PPM};
 pub use identity::{Identity, random_u64};
 pub use machine_report::{CheckResult, MachineReport, Verdict};
 pub use ports::{Counters, PortError, Publisher, RawSubscriber, Subscriber, open_raw};

@@ -11,7 +11,6 @@ mod examination;
 mod live;
 mod machine;
 mod outcome;
-#[cfg(test)]
 mod page;
 mod table;
 
@@ -45,8 +44,9 @@ const TICK: Duration = Duration::from_millis(120);
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Examples:\n  farreach doctor\n  farreach doctor --json | \
     jq '.checks[] | select(.verdict == \"fail\")'\n  farreach doctor --trigger 10\n  \
+    farreach doctor --list\n  \
     farreach up --simulate && farreach run home && farreach doctor --move --yes\n\n\
-    Run it as the user of the rig: what is granted depends on the user. Takes about 15 s, longer \
+    Run it as the user of the rig: what is granted depends on the user. Takes about 10 s, longer \
     with --move. Exit codes: 0 nothing failed, 1 something failed or could not be kept, 2 usage")]
 pub struct Args {
     /// Also powers the motor and moves the handle a little: enable line, directions of the
@@ -60,6 +60,10 @@ pub struct Args {
     /// Waits up to so long for a pulse of the scanner (s)
     #[arg(long, value_name = "SECONDS", value_parser = seconds)]
     pub trigger: Option<f64>,
+    /// Examines nothing: prints each check with what it does, its limits, their source and the
+    /// remedy
+    #[arg(long, conflicts_with_all = ["may_move", "trigger", "json"])]
+    pub list: bool,
     /// Folder of the recordings, whose disk is examined
     #[arg(long, value_name = "DIR", default_value = ".")]
     pub folder: PathBuf,
@@ -81,6 +85,10 @@ fn seconds(text: &str) -> Result<f64, String> {
 /// # Errors
 /// Where nobody has agreed to a movement, or the report cannot be kept or printed.
 pub fn run(args: &Args, rig_name: &RigName, revision: &str) -> anyhow::Result<i32> {
+    if args.list {
+        std::io::stdout().write_all(page::listing().trim_start().as_bytes())?;
+        return Ok(operator::DONE);
+    }
     let stop = runtime::stop_on(&[SIGINT, SIGTERM, SIGHUP])?;
     let rig = RunningRig::join(rig_name);
     let may_move = match &rig {

@@ -38,8 +38,12 @@ fn locked_kib(status: &str) -> u64 {
 
 fn judge(found: &MemoryLock) -> Outcome {
     let MemoryLock { locked, locked_kib, limit_bytes } = found;
-    let limit = limit_bytes
-        .map_or_else(|| "no limit".to_owned(), |bytes| format!("limit {} KiB", bytes / 1024));
+    let limit = match limit_bytes {
+        None => "no limit".to_owned(),
+        // What the limit does not hold back has the capability.
+        Some(_) if *locked => "not limited (CAP_IPC_LOCK)".to_owned(),
+        Some(bytes) => format!("limit {} KiB", bytes / 1024),
+    };
     match (locked, locked_kib) {
         (true, 1..) => Outcome::new(Verdict::Pass, format!("{locked_kib} KiB locked, {limit}")),
         (true, 0) => {

@@ -1,11 +1,12 @@
 //! Real-time scheduling: whether it is granted, and whether it has an effect.
 
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 use anyhow::anyhow;
 use ipc_types::Profile;
+use runtime::clock::SECOND_NS;
 use runtime::realtime::{HELPER_PRIORITY, request_fifo, request_normal};
 use runtime::{Verdict, bind, own_processors};
 use rustix::time::{ClockId, clock_gettime};
@@ -44,49 +45,48 @@ pub(crate) fn examine(_bench: &mut Bench<'_>) -> anyhow::Result<Outcome> {
 fn measure() -> anyhow::Result<Scheduling> {
     let processor = *own_processors().last().ok_or_else(|| anyhow!("no processor is allowed"))?;
     let stop = Arc::new(AtomicBool::new(false));
+    // Processor time of the ordinary thread so far (ns).
+    let others_ns = Arc::new(AtomicU64::new(0));
     let ordinary = {
-        let stop = Arc::clone(&stop);
+        let (stop, others_ns) = (Arc::clone(&stop), Arc::clone(&others_ns));
         std::thread::spawn(move || {
             bind(processor);
             request_normal();
-            spin_until(|| stop.load(Ordering::Relaxed))
+            while !stop.load(Ordering::Relaxed) {
+                others_ns.store(own_time_ns(), Ordering::Relaxed);
+            }
         })
     };
     let realtime = std::thread::spawn(move || {
         bind(processor);
         let asked = request_fifo(PRIORITY) == Profile::Realtime;
         let stat = std::fs::read_to_string("/proc/thread-self/stat").unwrap_or_default();
-        let granted = asked && is_fifo(&stat);
-        let begun = Instant::now();
-        (granted, spin_until(|| begun.elapsed() >= COMPETED_FOR))
+        let both = || (own_time_ns(), others_ns.load(Ordering::Relaxed));
+        let (begun, before) = (Instant::now(), both());
+        while begun.elapsed() < COMPETED_FOR {
+            std::hint::spin_loop();
+        }
+        let after = both();
+        let (own, others) = (after.0 - before.0, after.1.saturating_sub(before.1));
+        (asked && is_fifo(&stat), own as f64 / (own + others).max(1) as f64)
     });
     let joined = realtime.join();
     stop.store(true, Ordering::Relaxed);
-    let others_s = ordinary.join().map_err(|_| anyhow!("a thread panicked"))?;
-    let (granted, own_s) = joined.map_err(|_| anyhow!("a thread panicked"))?;
+    let panicked = || anyhow!("a thread panicked");
+    ordinary.join().map_err(|_| panicked())?;
+    let (granted, share) = joined.map_err(|_| panicked())?;
     let kernel = |file: &str| {
         let text = std::fs::read_to_string(format!("/proc/sys/kernel/{file}")).ok()?;
         text.trim().parse::<f64>().ok()
     };
     let limit = kernel("sched_rt_runtime_us").zip(kernel("sched_rt_period_us"));
-    Ok(Scheduling {
-        granted,
-        share: own_s / (own_s + others_s).max(1e-9),
-        runtime_share: runtime_share(limit),
-    })
+    Ok(Scheduling { granted, share, runtime_share: runtime_share(limit) })
 }
 
-/// Computes until `ended`; returns the processor time of the calling thread meanwhile (s).
-fn spin_until(ended: impl Fn() -> bool) -> f64 {
-    let time_s = || {
-        let time = clock_gettime(ClockId::ThreadCPUTime);
-        time.tv_sec as f64 + time.tv_nsec as f64 * 1e-9
-    };
-    let begun = time_s();
-    while !ended() {
-        std::hint::spin_loop();
-    }
-    time_s() - begun
+/// Processor time of the calling thread (ns).
+fn own_time_ns() -> u64 {
+    let time = clock_gettime(ClockId::ThreadCPUTime);
+    time.tv_sec as u64 * SECOND_NS + time.tv_nsec as u64
 }
 
 /// Whether `/proc/PID/stat` shows the class `SCHED_FIFO` (field 41 is 1).

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use ipc_types::Profile;
-use runtime::{BIN_ENDS_US, HostStall, Timeouts, Verdict, WakeLateness, realtime};
+use runtime::{BIN_ENDS_US, HostStall, STOLEN_PPM, Timeouts, Verdict, WakeLateness, realtime};
 use serde::Serialize;
 
 use super::load::Load;
@@ -101,8 +101,15 @@ fn judge_stalls(stall: &HostStall) -> Outcome {
         };
     }
     let verdict = if stall.exceeds(Profile::Realtime) { Verdict::Fail } else { Verdict::Pass };
-    let tolerated_ms = Timeouts::of(Profile::Realtime).stall_ns() as f64 * 1e-6;
-    Outcome::new(verdict, format!("{text}; a rig in real time trips at {tolerated_ms} ms"))
+    let tolerated_ns = Timeouts::of(Profile::Realtime).stall_ns();
+    let why = if stall.longest_ns > tolerated_ns / 2 {
+        format!("; a rig in real time trips at {} ms", tolerated_ns as f64 * 1e-6)
+    } else if verdict == Verdict::Fail {
+        format!("; more than {STOLEN_PPM} ppm: longer stalls than this one happen")
+    } else {
+        String::new()
+    };
+    Outcome::new(verdict, text + &why)
 }
 
 #[cfg(test)]
@@ -155,6 +162,9 @@ mod tests {
         assert_eq!(verdict(stalled(1_250_001)), Verdict::Fail);
         assert_eq!(verdict(HostStall { stolen_ppm: 100, ..stalled(0) }), Verdict::Pass);
         assert_eq!(verdict(HostStall { stolen_ppm: 101, ..stalled(0) }), Verdict::Fail);
+        let stolen = judge_stalls(&HostStall { stolen_ppm: 101, ..stalled(0) }).value;
+        assert!(stolen.ends_with("; more than 100 ppm: longer stalls than this one happen"));
+        assert!(judge_stalls(&stalled(1_250_001)).value.ends_with("trips at 2.5 ms"));
         assert_eq!(verdict(HostStall { fifo: false, ..stalled(9_000_000) }), Verdict::Warn);
         assert_eq!(verdict(HostStall { fifo: false, ..stalled(9_000) }), Verdict::Pass);
     }
