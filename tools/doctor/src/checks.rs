@@ -251,8 +251,8 @@ pub(crate) const CHECKS: &[Check] = &[
     Check {
         id: "enable-line",
         title: "enable line drops the motor",
-        does: "resets, arms and enables the motor at 0 V for 0.2 s, disarms, and measures from the \
-               line's last edge to the first scan without motor power",
+        does: "resets, arms and enables the motor for 0.2 s, at rest, disarms, and measures from \
+               the line's last edge to the first scan without motor power",
         limits: "pass: within the profile's timeout of the line and 2 ms; fail: beyond twice it, \
                  power does not come, or stays",
         source: "`Timeouts::enable_line_ns` (5 and 40 ms); periods of watchdog and acquisition; \
@@ -267,10 +267,10 @@ pub(crate) const CHECKS: &[Check] = &[
         title: "directions of the encoders",
         does: "moves each homed axis to and fro by 5 % of its range, within the rig file's limits, \
                and compares reference, master, handle and motor voltage",
-        limits: "fail: master or handle follow by less than half, or the other way round; the \
+        limits: "fail: master or handle follow by less than 5 %, or the other way round; the \
                  voltage reads back against the motion; the rig trips",
-        source: "a master that counts against its motor makes the loop run away; half leaves room \
-                 for the windup of the line",
+        source: "a master that counts against its motor makes the loop run away; friction and the \
+                 windup of a line take most of so small a movement, and 5 % are more than play",
         remedy: "`inverted` in [axes.master] or [axes.slave]",
         needs: Needs::Movement,
         examine: movement::examine_encoders,

@@ -13,7 +13,7 @@ use crate::outcome::{Outcome, at_most};
 
 /// How long power may take to come after `enable`, and to go after `disarm`.
 const POWER_LIMIT: Duration = Duration::from_secs(1);
-/// How long the motor is powered at 0 V.
+/// How long the motor is powered; control holds the position meanwhile.
 const POWERED_FOR: Duration = Duration::from_millis(200);
 const POLL_PERIOD: Duration = Duration::from_millis(1);
 /// The card sees an edge up to a period of the watchdog's loop late, and reports up to a period of
@@ -29,7 +29,7 @@ pub(crate) struct Line {
     dropped_ns: Option<u64>,
     /// After so long the card must drop the motor (ns).
     timeout_ns: u64,
-    /// Motor voltage while it was powered, largest magnitude (V): nothing asked for any.
+    /// Motor voltage while it was powered, largest magnitude (V): control holds the position.
     volts: f64,
 }
 
@@ -48,7 +48,7 @@ pub(crate) fn examine(bench: &mut Bench<'_>) -> anyhow::Result<Outcome> {
     Ok(judge(&found).measured(&found))
 }
 
-/// Enables the motor for a moment at 0 V, disarms, and watches line and card.
+/// Enables the motor for a moment, disarms, and watches line and card.
 fn powered_and_dropped(rig: &RunningRig) -> anyhow::Result<Line> {
     let mut lines = rig.link.subscriber(ENABLE_LINE)?;
     let mut samples = rig.link.subscriber(SAMPLE)?;

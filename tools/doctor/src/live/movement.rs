@@ -20,8 +20,10 @@ const AMPLITUDE_SHARE: f64 = 0.05;
 /// Time of each movement, and rest after it (s).
 const RISE_S: f64 = 1.0;
 const DWELL_S: f64 = 0.3;
-/// Share of the reference that master and handle must follow, in its direction.
-const FOLLOWED: f64 = 0.5;
+/// Share of the reference that master and handle must follow, in its direction: tens of counts, and
+/// more than play. Friction and the windup of a line take the greater part of so small a movement
+/// (of the shipped hydrostatic rig the handle follows 0.2).
+const FOLLOWED: f64 = 0.05;
 /// A hand's torque counts where it is this many standard deviations of the sensor's noise at rest.
 const HAND: f64 = 3.0;
 
@@ -342,15 +344,16 @@ mod tests {
         let told = |moved: Moved| judge_encoders(&[moved]);
         assert_eq!(told(good()).verdict, Verdict::Pass);
         assert_eq!(told(Moved { slave: None, ..good() }).verdict, Verdict::Pass);
-        assert_eq!(told(Moved { slave: Some(0.5), master: 0.5, ..good() }).verdict, Verdict::Pass);
+        let least = told(Moved { slave: Some(0.05), master: 0.05, ..good() });
+        assert_eq!(least.verdict, Verdict::Pass);
         let remedy = |moved: Moved| {
             let told = told(moved);
             assert_eq!(told.verdict, Verdict::Fail);
             told.remedy.unwrap()
         };
-        assert!(remedy(Moved { slave: Some(-0.9), ..good() }).contains("[axes.slave]"));
-        assert!(remedy(Moved { slave: Some(0.49), ..good() }).contains("does not follow"));
-        assert!(remedy(Moved { master: 0.49, ..good() }).contains("the master"));
+        assert!(remedy(Moved { slave: Some(-0.05), ..good() }).contains("[axes.slave]"));
+        assert!(remedy(Moved { slave: Some(0.049), ..good() }).contains("does not follow"));
+        assert!(remedy(Moved { master: 0.049, ..good() }).contains("the master"));
         assert!(remedy(Moved { drive: -0.1, ..good() }).contains("reads back"));
     }
 
