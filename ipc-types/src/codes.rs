@@ -366,6 +366,9 @@ codes! {
         /// A fault of the simulated card or machine is over: `a` the tick of the first scan without
         /// it, `b` the axis; the text has the fault.
         FaultEnded = 48, "fault ended";
+        /// The rig was armed with `arm --unchecked`: the text says what spoke against it, or that
+        /// nothing did.
+        ArmedUnchecked = 49, "armed unchecked";
     }
 
     /// What the monitor knows of an axis.

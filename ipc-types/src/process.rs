@@ -80,6 +80,7 @@ processes! {
             Process::Control, Process::Experiment,
         ],
         real_time: Some(RealTimeLoop { priority: 85, rate_hz: 1000, phase_us: 350 }),
+        unit: DOCTOR,
     };
     /// Writes all topics to disk. Starts before the processes that it records and stops after them.
     Logger = 5, "logger" {
@@ -88,6 +89,7 @@ processes! {
         silence_s: 5,
         stop_s: 20,
         oom_score: -500,
+        unit: DOCTOR,
     };
     /// Plays protocols.
     Experiment = 6, "experiment" {
@@ -149,6 +151,10 @@ pub struct ProcessEntry {
     /// Further lines of its unit file's `[Service]` section, for systemd alone.
     pub unit: &'static str,
 }
+
+/// Where the watchdog and the logger find the doctor's reports under systemd.
+const DOCTOR: &str = "# Reports of `farreach doctor`, which must be told the same folder.\n\
+                      Environment=FARREACH_DOCTOR=/var/lib/farreach/%i/doctor\n";
 
 /// An entry without particulars.
 const STANDARD: ProcessEntry = ProcessEntry {

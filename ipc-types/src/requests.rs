@@ -20,6 +20,8 @@ codes! {
         Disarm = 3, "disarm";
         /// Cuts power and latches.
         Estop = 4, "estop";
+        /// Makes ready a real card without a doctor's report that allows it; recorded as an event.
+        ArmUnchecked = 5, "arm --unchecked";
     }
 }
 

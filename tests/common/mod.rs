@@ -86,6 +86,7 @@ impl TestRig {
         command.env("FARREACH_RIG_NAME", self.name.as_str()).args(arguments).stdin(Stdio::null());
         // What outlasts a rig shall not outlast its test.
         command.env("FARREACH_LEARNT", self.learnt());
+        command.env("FARREACH_DOCTOR", self.path("doctor"));
         // Set here, so that the keeper of each rig need not measure.
         command.env("FARREACH_PROFILE", self.profile.text());
         command

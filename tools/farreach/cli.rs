@@ -52,6 +52,8 @@ enum Command {
     Identify(Box<identify::Args>),
     /// Tunes the control of a rig that is up, from its own recordings
     Tune(tune::Args),
+    /// Examines this computer, and the rig if one is up, by doing what a rig does
+    Doctor(doctor::Args),
     /// Redraws the thesis's figures from the models, beside the published values
     Figures(figures::Args),
     /// Starts and stops recordings, inspects, verifies, repairs and exports them
@@ -115,6 +117,7 @@ pub(crate) fn run(cli: Cli) -> anyhow::Result<i32> {
             identify::run(*arguments, &logger::revision())
         }
         Command::Tune(arguments) => tune::run(&arguments, &cli.rig_name, &logger::revision()),
+        Command::Doctor(arguments) => doctor::run(&arguments, &cli.rig_name, &logger::revision()),
         Command::Figures(arguments) => {
             die_on_closed_pipe();
             figures::run(&arguments)

@@ -88,7 +88,12 @@ pub(crate) enum Service {
     #[command(
         after_help = "Example:\n  farreach service watchdog --rig launch/rigs/hydrostatic.toml"
     )]
-    Watchdog(RigArgument),
+    Watchdog {
+        #[command(flatten)]
+        rig: RigArgument,
+        #[command(flatten)]
+        doctor: DoctorFolder,
+    },
     /// Writes all topics to disk
     #[command(
         after_help = "Example:\n  farreach service logger --rig launch/rigs/hydrostatic.toml \
@@ -103,6 +108,8 @@ pub(crate) enum Service {
         /// Metadata of the recording (repeatable)
         #[arg(long, value_name = "KEY=VALUE", value_parser = parse_key_value)]
         metadata: Vec<(String, String)>,
+        #[command(flatten)]
+        doctor: DoctorFolder,
     },
     /// Plays protocols
     #[command(
@@ -154,6 +161,21 @@ impl RigArgument {
     }
 }
 
+/// Where the doctor's reports are.
+#[derive(Debug, Args)]
+pub(crate) struct DoctorFolder {
+    /// Folder of the reports of `farreach doctor`
+    #[arg(long = "doctor", value_name = "DIR", env = "FARREACH_DOCTOR", hide_env_values = true)]
+    folder: Option<PathBuf>,
+}
+
+impl DoctorFolder {
+    /// `up` sets every variable; an empty one counts as absent.
+    fn given(self) -> Option<PathBuf> {
+        self.folder.filter(|folder| !folder.as_os_str().is_empty())
+    }
+}
+
 /// An error that no restart can cure.
 fn usage(error: impl std::error::Error) -> anyhow::Error {
     Usage(error.to_string()).into()
@@ -199,10 +221,13 @@ pub(crate) fn run(service: Service, rig_name: &RigName) -> anyhow::Result<i32> {
             })?;
         }
         Service::Control(rig) => control::run(name, &rig.load()?)?,
-        Service::Watchdog(rig) => watchdog::run(name, &rig.load()?)?,
-        Service::Logger { rig, record, metadata } => {
+        Service::Watchdog { rig, doctor } => {
+            watchdog::run(name, &rig.load()?, doctor.given().as_deref())?;
+        }
+        Service::Logger { rig, record, metadata, doctor } => {
             let metadata = metadata.into_iter().collect();
-            let options = logger::Options { record: given(record), metadata };
+            let options =
+                logger::Options { record: given(record), metadata, doctor: doctor.given() };
             logger::run(name, &rig.load()?, &options)?;
         }
         Service::Experiment { rig, learnt } => {

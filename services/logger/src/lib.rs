@@ -12,4 +12,5 @@ mod writer_queue;
 mod writer_thread;
 
 pub use process::{Logger, LoggerError, Options, revision, run};
+pub use writer_queue::SLOTS as QUEUE_SLOTS;
 pub use writer_thread::Opener;

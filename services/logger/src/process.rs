@@ -1,5 +1,6 @@
 //! The process: messages from shared memory to the recorder, requests, counters and events.
 
+mod machine;
 mod reports;
 mod requests;
 
@@ -26,6 +27,7 @@ use thiserror::Error;
 use crate::recorder_front_end::{Outcome, RecorderError, RecorderFrontEnd, StartRequest};
 use crate::state;
 
+use machine::{doctor_report, in_words};
 use requests::{PendingRequest, RequestReceiver};
 
 /// Every topic's buffer holds at least 100 ms at its fastest rate, which leaves margin for a late
@@ -48,6 +50,8 @@ pub struct Options {
     pub record: Option<PathBuf>,
     /// Metadata of the recording, beside those that the logger adds.
     pub metadata: BTreeMap<String, String>,
+    /// Folder of the doctor's reports.
+    pub doctor: Option<PathBuf>,
 }
 
 /// Why the process ended.
@@ -90,6 +94,7 @@ pub struct Logger {
     recorder: RecorderFrontEnd,
     requests: RequestReceiver,
     metadata: BTreeMap<String, String>,
+    doctor: Option<PathBuf>,
     /// the protocol that is being played; empty where none is
     run: BTreeMap<String, String>,
     /// realtime minus monotonic of the recording (ns)
@@ -137,6 +142,9 @@ impl Logger {
             ]
             .map(|(key, value)| (key.to_owned(), value)),
         );
+        if let Some(placement) = in_words(service.domain().placement()) {
+            metadata.insert(key::PLACEMENT.to_owned(), placement);
+        }
         if let Some(stall) = service.domain().host_stall() {
             metadata.insert(key::HOST_STALL.to_owned(), stall.to_string());
         }
@@ -149,6 +157,7 @@ impl Logger {
             service,
             topics,
             metadata,
+            doctor: options.doctor.clone(),
             run: BTreeMap::new(),
             file_offset_ns: 0,
             reported_losses: vec![0; TOPICS.len()],
@@ -215,6 +224,7 @@ impl Logger {
     fn start_request(&self, path: PathBuf, mut metadata: BTreeMap<String, String>) -> StartRequest {
         // The logger's own entries take precedence.
         metadata.extend(self.metadata.clone());
+        metadata.extend(doctor_report(self.doctor.as_deref(), self.service.domain().name()));
         StartRequest {
             path,
             part: 1,

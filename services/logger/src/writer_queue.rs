@@ -62,7 +62,7 @@ pub(crate) type Queue = ArrayQueue<Slot>;
 
 /// Capacity of the queue: about four seconds of everything that a rig publishes at 2 kHz. A disk
 /// that stalls longer costs data.
-pub(crate) const SLOTS: usize = 40_000;
+pub const SLOTS: usize = 40_000;
 
 /// What the writer thread is told.
 #[derive(Debug)]

@@ -93,6 +93,7 @@ impl Bench {
                 ("subject".to_owned(), "s01".to_owned()),
                 (key::PROFILE.to_owned(), "not for others to say".to_owned()),
             ]),
+            doctor: None,
         };
         let samples = service.publisher(SAMPLE).unwrap();
         Self { name, keeper, service, samples, directory, options }

@@ -4,16 +4,14 @@
 use std::time::Duration;
 
 use ipc_types::Profile;
-use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity};
 use serde::{Deserialize, Serialize};
 
-use crate::clock::now_ns;
-use crate::grid::Grid;
-use crate::realtime::{Timeouts, request_fifo, request_short_slices};
+use crate::bare_loop::on_every_processor;
+use crate::grid::Wake;
+use crate::realtime::Timeouts;
 
 /// How long the keeper measures at the start of a session.
 pub const MEASURED_FOR: Duration = Duration::from_secs(2);
-const LOOP_HZ: u32 = 1000;
 /// Above every loop of a rig.
 const PRIORITY: i32 = 90;
 /// A short measurement misses the longest stalls, so that half of what a profile tolerates counts
@@ -21,7 +19,7 @@ const PRIORITY: i32 = 90;
 const MARGIN: u64 = 2;
 /// A hypervisor that has given more than this share of the processors to other guests since boot
 /// (parts per million) stalls this one for 6 ms a minute.
-const STOLEN_PPM: u64 = 100;
+pub const STOLEN_PPM: u64 = 100;
 
 /// What was measured: the wake lateness of bare 1 kHz loops, one on each processor at a time.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -44,18 +42,12 @@ pub struct HostStall {
 impl HostStall {
     /// Measures for `duration` on every processor that this process may run on.
     pub fn measure(duration: Duration) -> Self {
-        let processors: Vec<usize> = sched_getaffinity(None).map_or_else(
-            |_| Vec::new(),
-            |set| (0..CpuSet::MAX_CPU).filter(|&processor| set.is_set(processor)).collect(),
-        );
-        let loops: Vec<_> = processors
-            .into_iter()
-            .map(|processor| std::thread::spawn(move || bare_loop(processor, duration)))
-            .collect();
-        // A loop that panicked measured nothing; the others still count.
+        let bare = || Self { processors: 1, ..Self::default() };
+        let record = |found: &mut Self, wake: &Wake| found.record(wake.late_ns(), wake.skipped);
+        let loops = on_every_processor(duration, PRIORITY, bare, record);
         let mut all = loops
             .into_iter()
-            .filter_map(|bare| bare.join().ok())
+            .map(|(found, fifo)| Self { fifo, ..found })
             .reduce(Self::merged)
             .unwrap_or_default();
         let stat = std::fs::read_to_string("/proc/stat").unwrap_or_default();
@@ -108,27 +100,6 @@ impl std::fmt::Display for HostStall {
         }
         Ok(())
     }
-}
-
-/// Wakes every millisecond on one processor, above everything that has no real-time class.
-fn bare_loop(processor: usize, duration: Duration) -> HostStall {
-    let mut only = CpuSet::new();
-    only.set(processor);
-    // Where the processor may not be chosen the scheduler chooses.
-    let _pinned = sched_setaffinity(None, &only);
-    let fifo = request_fifo(PRIORITY) == Profile::Realtime;
-    if !fifo {
-        request_short_slices();
-    }
-    let mut found = HostStall { processors: 1, fifo, ..HostStall::default() };
-    let mut grid = Grid::of_rate(LOOP_HZ, 0);
-    let end_ns = now_ns() + duration.as_nanos() as u64;
-    while now_ns() < end_ns {
-        if let Some(wake) = grid.wait() {
-            found.record(wake.late_ns(), wake.skipped);
-        }
-    }
-    found
 }
 
 /// Stolen share of all processor time since boot (ppm), from the text of `/proc/stat`; `None` where

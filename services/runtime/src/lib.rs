@@ -33,6 +33,7 @@
 //! }
 //! ```
 
+mod bare_loop;
 pub mod clock;
 pub mod daq;
 mod domain;
@@ -41,6 +42,8 @@ mod grid;
 mod host_stall;
 mod identity;
 mod locks;
+pub mod machine_report;
+pub mod placement;
 mod ports;
 mod process_watch;
 pub mod realtime;
@@ -49,15 +52,20 @@ mod service;
 mod shared_memory;
 mod stale_cleanup;
 mod timing;
+mod wake_lateness;
 mod worker;
 
-pub use domain::{Domain, DomainError, Keeper, RigName};
+pub use bare_loop::{bind, own_processors};
+pub use domain::{Domain, DomainError, Keeper, RigName, shared_memory_room};
 pub use grid::{Grid, Wake};
-pub use host_stall::{HostStall, MEASURED_FOR};
+pub use host_stall::{HostStall, MEASURED_FOR, STOLEN_PPM};
 pub use identity::{Identity, random_u64};
+pub use machine_report::{CheckResult, MachineReport, Verdict};
 pub use ports::{Counters, PortError, Publisher, RawSubscriber, Subscriber, open_raw};
 pub use realtime::{Grants, Timeouts};
 pub use request::{RequestError, Server, call};
 pub use service::{NotifyState, Service, ServiceError, notify, stop_flag, stop_on};
+pub use shared_memory::SHARED_MEMORY;
 pub use timing::Losses;
+pub use wake_lateness::{BIN_ENDS_US, WakeLateness};
 pub use worker::Worker;

@@ -11,9 +11,11 @@ use ipc_types::{
     Event, EventKind, Heartbeat, LoopTiming, Message, Process, Profile, Severity, TypedTopic,
     event_topic, heartbeat_topic, timing_topic,
 };
+use rustix::thread::{CpuSet, sched_setaffinity};
 pub use sd_notify::NotifyState;
 use thiserror::Error;
 
+use crate::bare_loop::bind;
 use crate::clock::now_ns;
 use crate::domain::{Domain, DomainError, RigName};
 use crate::grid::{Grid, Wake};
@@ -69,6 +71,8 @@ pub struct Service {
     events: Option<Publisher<Event>>,
     profile: Profile,
     awake: Option<realtime::Awake>,
+    /// Where this process may run, while its loop is bound to one processor.
+    everywhere: Option<CpuSet>,
     /// Measurement of the loop, and the topic that it is published in.
     timing: Option<(LoopMeter, Publisher<LoopTiming>)>,
 }
@@ -97,6 +101,7 @@ impl Service {
             events,
             profile: Profile::BestEffort,
             awake: None,
+            everywhere: None,
             timing: None,
         })
     }
@@ -153,8 +158,9 @@ impl Service {
     }
 
     /// Asks for real-time scheduling at the process's own priority ([`realtime::loop_priority`]),
-    /// locks memory and keeps the processors awake where allowed, reports that the process is
-    /// ready, and watches over it from now on. Call when all ports are made, right before the loop.
+    /// locks memory and keeps the processors awake where allowed, binds the calling thread to the
+    /// processor that the session has for its loop, reports that the process is ready, and watches
+    /// over it from now on. Call when all ports are made, right before the loop.
     ///
     /// # Errors
     /// The rig runs in the realtime profile and this process may not.
@@ -183,6 +189,9 @@ impl Service {
         }
         realtime::tighten_timer_slack();
         realtime::prefault_stack();
+        // Where it is refused the loop runs on any processor, as the status shows.
+        let placed = self.domain.placement().get(self.process.text());
+        self.everywhere = placed.and_then(|processor| bind(*processor));
         let kept_awake = self.awake.is_some();
         let grants = Grants { profile: self.profile, memory_locked, kept_awake };
         self.timing = Some((LoopMeter::new(self.process, grants)?, timings));
@@ -196,8 +205,13 @@ impl Service {
         let beats = Arc::clone(&self.beats);
         let stop = Arc::clone(&self.stop);
         let fifo = self.domain.fifo();
+        let everywhere = self.everywhere;
         std::thread::Builder::new().name("sd-notify".to_owned()).spawn(move || {
             realtime::request_helper(fifo);
+            if let Some(everywhere) = everywhere {
+                // The loop alone is bound; where that is refused this thread waits for it.
+                let _free = sched_setaffinity(None, &everywhere);
+            }
             notify_manager(&beats, &stop);
         })?;
         self.event(EventKind::ProcessStarted, Severity::Info, [0.0; 3], self.profile.text())?;

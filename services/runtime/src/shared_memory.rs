@@ -1,7 +1,7 @@
 //! Where the segments of a rig live.
 
 /// Where POSIX shared memory lives on Linux.
-pub(crate) const SHARED_MEMORY: &str = "/dev/shm";
+pub const SHARED_MEMORY: &str = "/dev/shm";
 
 /// Bytes in a mebibyte.
 pub(crate) const MEBIBYTE: u64 = 1 << 20;

@@ -17,8 +17,13 @@ const LOWEST_NS: u64 = 100;
 /// Highest value; longer ones are counted as this (ns).
 const HIGHEST_NS: u64 = 10 * SECOND_NS;
 
+/// An empty histogram of durations (ns).
+pub(crate) fn new_histogram() -> Result<Histogram<u64>, hdrhistogram::CreationError> {
+    Histogram::new_with_bounds(LOWEST_NS, HIGHEST_NS, 2)
+}
+
 /// p50, p99, p99.9 and max of a histogram.
-fn percentiles(histogram: &Histogram<u64>) -> [u64; 4] {
+pub(crate) fn percentiles(histogram: &Histogram<u64>) -> [u64; 4] {
     if histogram.is_empty() {
         return [0; 4];
     }
@@ -147,15 +152,14 @@ impl LoopMeter {
         process: Process,
         grants: Grants,
     ) -> Result<Self, hdrhistogram::CreationError> {
-        let histogram = || Histogram::new_with_bounds(LOWEST_NS, HIGHEST_NS, 2);
         Ok(Self {
             process,
             grants,
             pid: std::process::id(),
             cycles: 0,
             published_at_ns: 0,
-            wake: [histogram()?, histogram()?],
-            execution: [histogram()?, histogram()?],
+            wake: [new_histogram()?, new_histogram()?],
+            execution: [new_histogram()?, new_histogram()?],
         })
     }
 

@@ -6,7 +6,10 @@ use std::sync::atomic::{AtomicBool, AtomicU8, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 use crossbeam_queue::ArrayQueue;
-use ipc_types::{Process, Verb, VerbAnswer, WATCHDOG_COMMANDS, WatchdogState, heartbeat_topic};
+use ipc_types::{
+    CardKind, Event, EventKind, Process, Severity, Verb, VerbAnswer, WATCHDOG_COMMANDS,
+    WatchdogState, heartbeat_topic,
+};
 use runtime::clock::{ClockPair, now_ns};
 use runtime::{Domain, RigName, Server, ServiceError, Subscriber};
 use rustix::event::{PollFd, PollFlags, poll};
@@ -15,6 +18,7 @@ use rustix::process::{Pid, PidfdFlags, pidfd_open};
 use rustix::time::Timespec;
 
 use crate::clock_of_day::ClockOfDay;
+use crate::doctor_gate::{DoctorGate, Passage};
 use crate::logger_watch::LoggerWatch;
 use crate::verb_exchange::VerbExchange;
 
@@ -46,7 +50,14 @@ pub(crate) struct Shared {
     pub(crate) dead: AtomicBool,
     /// Cycles of the thread.
     pub(crate) cycles: AtomicU64,
+    /// The card that the newest sample names ([`CardKind`]); [`NO_CARD`] before the first.
+    pub(crate) card: AtomicU8,
+    /// Events of the thread, for the loop to publish.
+    pub(crate) events: ArrayQueue<Event>,
 }
+
+/// No sample has named a card yet.
+const NO_CARD: u8 = u8::MAX;
 
 impl Shared {
     pub(crate) fn new() -> Self {
@@ -59,6 +70,8 @@ impl Shared {
             state: AtomicU8::new(WatchdogState::Faulted.code()),
             dead: AtomicBool::new(false),
             cycles: AtomicU64::new(0),
+            card: AtomicU8::new(NO_CARD),
+            events: ArrayQueue::new(1),
         }
     }
 }
@@ -145,19 +158,25 @@ impl Launcher {
 
 /// Starts the command thread. It ends with the process's stop flag.
 pub(crate) fn start(
+    gate: DoctorGate,
     name: RigName,
     shared: Arc<Shared>,
     stop: Arc<AtomicBool>,
 ) -> std::io::Result<std::thread::JoinHandle<()>> {
     std::thread::Builder::new().name("verbs".to_owned()).spawn(move || {
         let guard = CommandThreadGuard { shared, stop };
-        if let Err(error) = serve(&name, &guard.shared, &guard.stop) {
+        if let Err(error) = serve(&gate, &name, &guard.shared, &guard.stop) {
             eprintln!("farreach watchdog: the command thread ended: {error}");
         }
     })
 }
 
-fn serve(name: &RigName, shared: &Shared, stop: &AtomicBool) -> Result<(), ServiceError> {
+fn serve(
+    gate: &DoctorGate,
+    name: &RigName,
+    shared: &Shared,
+    stop: &AtomicBool,
+) -> Result<(), ServiceError> {
     let domain = Domain::open(name)?;
     runtime::realtime::request_helper(domain.fifo());
     let node = domain.node("watchdog-verbs")?;
@@ -181,7 +200,7 @@ fn serve(name: &RigName, shared: &Shared, stop: &AtomicBool) -> Result<(), Servi
             }
         }
         server.poll(
-            |verb: Verb| answer(verb, shared),
+            |verb: Verb| answer_through(gate, verb, shared),
             |error| eprintln!("farreach watchdog: a command could not be answered: {error}"),
         )?;
         shared.cycles.fetch_add(1, Ordering::Relaxed);
@@ -190,11 +209,35 @@ fn serve(name: &RigName, shared: &Shared, stop: &AtomicBool) -> Result<(), Servi
     Ok(())
 }
 
-fn answer(verb: Verb, shared: &Shared) -> VerbAnswer {
-    let state = || {
-        WatchdogState::from_code(shared.state.load(Ordering::Relaxed))
-            .unwrap_or(WatchdogState::Faulted)
+/// Answers a verb that the doctor's report allows, or that a person wants all the same.
+fn answer_through(gate: &DoctorGate, verb: Verb, shared: &Shared) -> VerbAnswer {
+    let card = CardKind::from_code(shared.card.load(Ordering::Relaxed));
+    let overridden = match gate.passage(verb, card) {
+        Passage::Refused(reason) => {
+            return VerbAnswer { done: false, state: state(shared), reason };
+        }
+        Passage::Overridden(objection) => Some(objection),
+        Passage::Free => None,
     };
+    let answer = answer(verb, shared);
+    if let Some(objection) = overridden.filter(|_| answer.done) {
+        // The loop has told every earlier one: it has answered this verb since.
+        let _queued = shared.events.push(armed_unchecked(&objection));
+    }
+    answer
+}
+
+/// The event that tells of an `arm --unchecked`.
+fn armed_unchecked(objection: &str) -> Event {
+    Event::new(Process::Watchdog, EventKind::ArmedUnchecked, Severity::Warning, objection)
+}
+
+fn state(shared: &Shared) -> WatchdogState {
+    WatchdogState::from_code(shared.state.load(Ordering::Relaxed)).unwrap_or(WatchdogState::Faulted)
+}
+
+fn answer(verb: Verb, shared: &Shared) -> VerbAnswer {
+    let state = || state(shared);
     let refused = |reason: String| VerbAnswer { done: false, state: state(), reason };
     let Some(ticket) = shared.verbs.ask(verb) else {
         return refused("the watchdog is still executing an earlier command".to_owned());
@@ -243,6 +286,36 @@ mod tests {
         let said = answer(Verb::Arm, &shared);
         loop_thread.join().unwrap();
         assert!(!said.done && said.reason.contains("moves"), "{said:?}");
+    }
+
+    #[test]
+    fn sr_14_a_refused_arm_does_not_reach_the_loop_and_an_override_is_told() {
+        let gate = DoctorGate::new(None, "bench".parse().unwrap());
+        let shared = Arc::new(Shared::new());
+        shared.card.store(CardKind::Hardware.code(), Ordering::Relaxed);
+        let said = answer_through(&gate, Verb::Arm, &shared);
+        assert!(!said.done && said.reason.contains("farreach doctor"), "{said:?}");
+        assert!(shared.verbs.take().is_none() && shared.events.is_empty());
+        let inner = Arc::clone(&shared);
+        let loop_thread = std::thread::spawn(move || {
+            for done in [Err(Refusal::Moving), Ok(WatchdogState::Armed)] {
+                let order = loop {
+                    match inner.verbs.take() {
+                        Some(order) => break order,
+                        None => std::thread::yield_now(),
+                    }
+                };
+                inner.verbs.answer(order, done);
+            }
+        });
+        // What the loop refuses is no override.
+        assert!(!answer_through(&gate, Verb::ArmUnchecked, &shared).done);
+        assert!(shared.events.is_empty());
+        assert!(answer_through(&gate, Verb::ArmUnchecked, &shared).done);
+        loop_thread.join().unwrap();
+        let event = shared.events.pop().unwrap();
+        assert_eq!(event.kind, EventKind::ArmedUnchecked.code());
+        assert!(event.text.starts_with(b"there is no doctor's report"), "{event:?}");
     }
 
     #[test]

@@ -225,7 +225,7 @@ impl Interlock {
                 self.refuse_if_active(|action| action == FaultAction::Trips)?;
                 self.state = WatchdogState::Disarmed;
             }
-            Verb::Arm => self.arm(now_ns)?,
+            Verb::Arm | Verb::ArmUnchecked => self.arm(now_ns)?,
             Verb::Enable => self.enable(now_ns)?,
         }
         Ok(self.state)

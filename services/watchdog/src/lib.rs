@@ -6,6 +6,7 @@
 
 mod clock_of_day;
 mod command_thread;
+mod doctor_gate;
 pub mod interlock;
 mod logger_watch;
 mod process;

@@ -1,5 +1,6 @@
 //! The process: the loop around the interlock.
 
+use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
@@ -13,6 +14,7 @@ use runtime::{Grid, Losses, PortError, Service, ServiceError};
 use thiserror::Error;
 
 use crate::command_thread::{self, Heartbeat, Shared};
+use crate::doctor_gate::DoctorGate;
 use crate::interlock::{Config, Interlock, Outputs, Peers, StateChange};
 
 /// Text of the event for a step of the clock of the day.
@@ -51,11 +53,12 @@ fn state_changed(change: &StateChange) -> Event {
     }
 }
 
-/// Runs the watchdog on the rig of that name until a signal ends it.
+/// Runs the watchdog on the rig of that name until a signal ends it. `doctor` is the folder with
+/// the doctor's reports, without which a real card is armed by an override only.
 ///
 /// # Errors
 /// [`WatchdogError`].
-pub fn run(rig_name: &str, rig: &RigFile) -> Result<(), WatchdogError> {
+pub fn run(rig_name: &str, rig: &RigFile, doctor: Option<&Path>) -> Result<(), WatchdogError> {
     let mut service = Service::start(Process::Watchdog, rig_name)?;
     let mut samples = service.subscriber(SAMPLE)?;
     let mut commands = service.subscriber(COMMAND)?;
@@ -63,6 +66,7 @@ pub fn run(rig_name: &str, rig: &RigFile) -> Result<(), WatchdogError> {
     let mut lines = service.publisher(ENABLE_LINE)?;
     let shared = Arc::new(Shared::new());
     let command_thread = command_thread::start(
+        DoctorGate::new(doctor, service.domain().name().clone()),
         service.domain().name().clone(),
         Arc::clone(&shared),
         service.stop_flag(),
@@ -77,6 +81,7 @@ pub fn run(rig_name: &str, rig: &RigFile) -> Result<(), WatchdogError> {
         let Some(wake) = grid.wait() else { continue };
         while let Some(sample) = samples.take()? {
             interlock.observe_sample(&sample);
+            shared.card.store(sample.backend, Ordering::Relaxed);
         }
         while let Some(command) = commands.take()? {
             interlock.observe_command(&command);
@@ -104,6 +109,9 @@ pub fn run(rig_name: &str, rig: &RigFile) -> Result<(), WatchdogError> {
         }
         if let Some(step_s) = shared.clock_steps.pop() {
             service.event(EventKind::ClockStepped, Severity::Warning, [step_s, 0.0, 0.0], CLOCK)?;
+        }
+        if let Some(event) = shared.events.pop() {
+            service.publish(event)?;
         }
         let losses = Losses::default()
             .received(samples.counters())

@@ -249,6 +249,7 @@ fn run_session(
         console: None,
         monitor: false,
         profile: None,
+        placement: false,
         executable: std::env::current_exe().context("cannot find the farreach executable")?,
     };
     terminal.progress("starting all processes");

@@ -9,8 +9,8 @@ use runtime::RigName;
 
 use crate::Error;
 use crate::restart::{processes, until_ready_again};
+use crate::kept_folder::absolute;
 use crate::saved_rig_file::{MACHINE, RIG, keep_copy, rig_of, running};
-use crate::up::absolute;
 
 /// Whether a process reads anything of a rig file that may change while the rig is up: gains,
 /// options of the control, the declared model. What the others read, a change must leave as it is.

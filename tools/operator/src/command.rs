@@ -51,8 +51,16 @@ pub enum Command {
     #[command(after_help = "Example:\n  farreach reset && farreach arm && farreach enable")]
     Reset(OutputFormat),
     /// Arms the rig, so that it can be enabled; only `demo` arms by itself, on a simulated card
-    #[command(after_help = "Example:\n  farreach arm")]
-    Arm(OutputFormat),
+    #[command(after_help = "Example:\n  farreach doctor && farreach arm")]
+    Arm {
+        /// Arms a real card although no report of `farreach doctor` allows it: one of this boot,
+        /// younger than a day and without failures. The override is recorded as an event
+        #[arg(long)]
+        unchecked: bool,
+        #[command(flatten)]
+        #[allow(missing_docs)]
+        json: OutputFormat,
+    },
     /// Enables the motor on an armed rig
     #[command(after_help = "Example:\n  farreach enable")]
     Enable(OutputFormat),
@@ -220,6 +228,10 @@ pub struct UpArguments {
     /// of this computer and chooses; overrides FARREACH_PROFILE
     #[arg(long, value_name = "PROFILE", value_parser = parse_profile)]
     pub profile: Option<Profile>,
+    /// Binds each loop to a processor of its own as far as there are enough: isolated ones
+    /// (isolcpus=), else those with the least load; FARREACH_PLACEMENT=on does the same
+    #[arg(long)]
+    pub place: bool,
     #[command(flatten)]
     #[allow(missing_docs)]
     pub json: OutputFormat,
@@ -268,7 +280,10 @@ pub fn run(command: Command, rig_name: &RigName) -> anyhow::Result<i32> {
             show_status::status(rig_name, watch, json)
         }
         Command::Reset(OutputFormat { json }) => actions::verb(rig_name, Verb::Reset, json),
-        Command::Arm(OutputFormat { json }) => actions::verb(rig_name, Verb::Arm, json),
+        Command::Arm { unchecked, json: OutputFormat { json } } => {
+            let verb = if unchecked { Verb::ArmUnchecked } else { Verb::Arm };
+            actions::verb(rig_name, verb, json)
+        }
         Command::Enable(OutputFormat { json }) => actions::verb(rig_name, Verb::Enable, json),
         Command::Disarm(OutputFormat { json }) => actions::verb(rig_name, Verb::Disarm, json),
         Command::Estop(OutputFormat { json }) => actions::verb(rig_name, Verb::Estop, json),

@@ -12,6 +12,7 @@
 //! [`command`] is the command line round them. A rig is known by its name: everything of it lies in
 //! one directory of shared memory.
 
+mod arming;
 mod changed_rig_file;
 mod chosen_protocol;
 pub mod command;
@@ -19,6 +20,7 @@ mod console_address;
 mod down;
 mod error;
 mod initialise_results;
+mod kept_folder;
 mod link;
 mod restart;
 mod run;
@@ -30,12 +32,14 @@ mod systemd_rig;
 mod up;
 
 pub use acquisition::CardOptions;
+pub use arming::reset_and_arm;
 pub use changed_rig_file::change_rig_file;
 pub use chosen_protocol::{ChosenProtocol, RunOptions, client_number};
 pub use console_address::ConsoleAddress;
 pub use down::{Cleaning, Down, down};
 pub use error::{DATA_LOST, DONE, Error, FAILED, USAGE};
 pub use initialise_results::FoundRange;
+pub use kept_folder::{DOCTOR, KeptFolder, LEARNT};
 pub use link::{RigLink, verb};
 pub use restart::{replace, restart};
 pub use run::{Progress, RunOutcome, check_armed, resume_protocol, run_protocol, stop_protocol};

@@ -150,7 +150,7 @@ pub fn check_armed(link: &RigLink) -> Result<(), Error> {
     }
 }
 
-fn not_armed(token: &EnableToken) -> Error {
+pub(crate) fn not_armed(token: &EnableToken) -> Error {
     let cause = causes(active_cause(token), &active_faults(token.faults)).join("; ");
     Error::NotArmed { state: state_of(token), cause }
 }

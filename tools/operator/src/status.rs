@@ -7,6 +7,7 @@ mod protocol;
 mod scanner;
 mod table;
 
+use std::collections::BTreeMap;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use ipc_types::{
@@ -48,6 +49,8 @@ pub struct RigStatus {
     pub profile: Option<Profile>,
     /// Measured stalls of the host, by which the profile was chosen; `null` if a person chose it.
     pub host_stall: Option<HostStall>,
+    /// Processor of each loop, by the name of its process; empty where the loops are not placed.
+    pub placement: BTreeMap<String, usize>,
     /// The card that acquisition reads.
     pub backend: Option<CardKind>,
     /// The interlocks.
@@ -175,6 +178,8 @@ pub struct ProcessStatus {
     pub execution_us: Option<Percentiles>,
     /// Timing profile that it was granted.
     pub profile: Option<Profile>,
+    /// Processors on which its main thread, the loop, may run.
+    pub processors: Vec<usize>,
     /// Age of its last message (ms).
     pub heartbeat_age_ms: Option<f64>,
     /// Messages lost before they reached it (slow processes).
@@ -265,6 +270,7 @@ impl Watcher {
         status.session = Some(format!("{:016x}", domain.session()));
         status.profile = Some(domain.profile());
         status.host_stall = domain.host_stall();
+        status.placement.clone_from(domain.placement());
         // A logger that does not answer is visible in its process's row.
         let recording = link.logger(&LoggerRequest::Status).ok();
         status.recording = recording.map(|answer| RecordingStatus {
@@ -309,6 +315,10 @@ impl RigStatus {
                     last_exit: unit.last_exit.clone(),
                     replaced_by: unit.replaced_by.clone(),
                     log: Some(unit.log.display().to_string()).filter(|log| !log.is_empty()),
+                    processors: unit
+                        .scheduling
+                        .as_ref()
+                        .map_or_else(Vec::new, |of| of.cores.clone()),
                     name: unit.name.clone(),
                     ..ProcessStatus::default()
                 })

@@ -7,10 +7,12 @@ use acquisition::CardOptions;
 use ipc_types::{CardKind, Process, Profile, processes_with};
 use launch::{Config, StopReport};
 use rig::RigFile;
+use runtime::placement::{PLACEMENT_VARIABLE, placement_is_on};
 use runtime::realtime::{self, PROFILE_VARIABLE};
 use runtime::{Domain, HostStall, RigName, Timeouts};
 
 use crate::Error;
+use crate::kept_folder::{DOCTOR, LEARNT, absolute};
 use crate::saved_rig_file::{MACHINE, RIG, keep_copy};
 
 /// What to bring up.
@@ -36,6 +38,9 @@ pub struct UpOptions {
     /// Timing profile; `None` for that of `FARREACH_PROFILE`, or else the one that suits the
     /// measured stalls of the host.
     pub profile: Option<Profile>,
+    /// Binds each loop to a processor that the keeper chooses; `FARREACH_PLACEMENT=on` does the
+    /// same.
+    pub placement: bool,
     /// The `farreach` binary, which every process runs.
     pub executable: PathBuf,
 }
@@ -179,6 +184,7 @@ fn config_of(
     // Every variable is set, if only to nothing: those of the caller's shell must not get in.
     let path = |path: &Option<PathBuf>| path.as_deref().map_or_else(|| Ok(String::new()), absolute);
     let chosen = options.profile.or_else(realtime::chosen_profile);
+    let placed = if options.placement || placement_is_on() { "on" } else { "off" };
     let variables = [
         (RIG, absolute(rig_file)?),
         ("FARREACH_CARD", card.kind.text().to_owned()),
@@ -187,7 +193,9 @@ fn config_of(
         ("FARREACH_EFFECTS", options.effects.join(",")),
         ("FARREACH_RECORD", path(&options.record)?),
         ("FARREACH_CONSOLE", options.console.map_or_else(String::new, |at| at.to_string())),
-        ("FARREACH_LEARNT", learnt_folder()?),
+        (LEARNT.variable, LEARNT.path_text()?),
+        (DOCTOR.variable, DOCTOR.path_text()?),
+        (PLACEMENT_VARIABLE, placed.to_owned()),
         (PROFILE_VARIABLE, chosen.map_or_else(String::new, |it| it.text().to_owned())),
     ];
     let console = options.console.and_then(|_| Process::Console.entry());
@@ -197,27 +205,6 @@ fn config_of(
     Ok(variables
         .into_iter()
         .fold(config, |config, (name, value)| config.with_environment(name, value)))
-}
-
-/// Folder of the learnt references, which outlast the rig: `FARREACH_LEARNT`, else
-/// `farreach/learnt` in the user's state directory (the XDG base directories: `~/.local/state`).
-/// Nothing where there is no home; they then last as long as the rig is up.
-fn learnt_folder() -> Result<String, Error> {
-    let set =
-        |name: &str| std::env::var_os(name).filter(|value| !value.is_empty()).map(PathBuf::from);
-    let state = || set("XDG_STATE_HOME").or_else(|| Some(set("HOME")?.join(".local/state")));
-    let folder = set("FARREACH_LEARNT").or_else(|| Some(state()?.join("farreach/learnt")));
-    folder.as_deref().map(absolute).transpose().map(Option::unwrap_or_default)
-}
-
-/// A path for the processes, whose working directory is `/`.
-pub(crate) fn absolute(path: &Path) -> Result<String, Error> {
-    let found = std::path::absolute(path).map_err(|source| Error::Io {
-        doing: "make absolute",
-        path: path.to_path_buf(),
-        source,
-    })?;
-    found.into_os_string().into_string().map_err(|text| Error::Path(text.into()))
 }
 
 #[cfg(test)]
@@ -237,6 +224,7 @@ mod tests {
             console: None,
             monitor: false,
             profile: Some(Profile::BestEffort),
+            placement: false,
             executable: "/bin/farreach".into(),
         }
     }
@@ -285,5 +273,7 @@ mod tests {
         assert_eq!(config.environment["FARREACH_CONSOLE"], "127.0.0.1:8321");
         assert!(config.units.iter().any(|unit| unit.name == "console"));
         assert_eq!(config.environment["FARREACH_PROFILE"], "best-effort");
+        assert_eq!(config.environment["FARREACH_PLACEMENT"], "off");
+        assert!(config.environment.contains_key("FARREACH_DOCTOR"));
     }
 }

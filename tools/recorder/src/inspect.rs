@@ -117,6 +117,8 @@ fn about(recording: &Recording, out: &mut dyn Write) -> std::io::Result<()> {
     let keys = [RIG, RIG_NAME, SUBJECT, PROTOCOL, PROFILE, HOST_STALL, PART, REVISION];
     let entry = |key: &str| Some(format!("{} {}", key.replace('_', " "), recording.metadata(key)?));
     line(out, keys.into_iter().filter_map(entry).collect())?;
+    line(out, [key::PLACEMENT].into_iter().filter_map(entry).collect())?;
+    line(out, [key::DOCTOR].into_iter().filter_map(entry).collect())?;
     for run in recording.runs() {
         let of = |key: &str| run.get(key).map(String::as_str);
         let subject = of(key::SUBJECT).map(|subject| format!("subject {subject}"));

@@ -5,10 +5,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context as _, bail};
-use ipc_types::{
-    EnableToken, LoggerRequest, SAMPLE, Sample, TOKEN, TripCause, Verb, WatchdogState,
-};
-use operator::{ChosenProtocol, RigLink, RunOutcome, run_protocol};
+use ipc_types::{LoggerRequest, SAMPLE, Sample, TripCause, Verb};
+use operator::{ChosenProtocol, RigLink, RunOutcome, reset_and_arm, run_protocol};
 use rig::RigFile;
 use rig::protocol::Protocol;
 use runtime::{RigName, Subscriber};
@@ -16,8 +14,6 @@ use runtime::{RigName, Subscriber};
 use crate::recorded::passes;
 use crate::tracking::{Followed, TrackingError};
 
-/// How long a verb may be refused, while processes start again and faults clear.
-const VERB_LIMIT: Duration = Duration::from_secs(15);
 /// How long the torque is observed before the motor moves.
 const REST: Duration = Duration::from_secs(1);
 const POLL_PERIOD: Duration = Duration::from_millis(20);
@@ -179,34 +175,9 @@ impl Bench<'_> {
     /// # Errors
     /// Where a verb is still refused after 15 s.
     pub fn arm(&mut self) -> anyhow::Result<()> {
-        let begun = Instant::now();
-        let mut tokens = self.link.subscriber(TOKEN)?;
-        loop {
-            let refused = match self.reset_and_arm(&mut tokens) {
-                Ok(()) => return Ok(()),
-                Err(refused) => refused,
-            };
-            if begun.elapsed() > VERB_LIMIT || self.stop.load(Ordering::Relaxed) {
-                return Err(refused.context("the rig could not be armed again"));
-            }
-            (self.progress)(&format!("reset, arm: {refused:#}"));
-            std::thread::sleep(Duration::from_millis(100));
-        }
-    }
-
-    fn reset_and_arm(&mut self, tokens: &mut Subscriber<EnableToken>) -> anyhow::Result<()> {
-        for verb in [Verb::Reset, Verb::Arm] {
-            let answer = self.link.verb(verb)?;
-            if !answer.done {
-                bail!("{}", answer.reason);
-            }
-        }
-        std::thread::sleep(POLL_PERIOD);
-        let state = tokens.latest()?.and_then(|token| WatchdogState::from_code(token.state));
-        match state {
-            Some(WatchdogState::Armed) => Ok(()),
-            _ => bail!("the watchdog is not armed"),
-        }
+        let progress = &mut self.progress;
+        reset_and_arm(self.link, self.stop, &mut |text| progress(text))
+            .context("the rig could not be armed again")
     }
 }
 

@@ -33,6 +33,12 @@ pub mod key {
     pub const TIME_NS: &str = "time_ns";
     /// Longest stall of the host measured before the rig came up.
     pub const HOST_STALL: &str = "host_stall";
+    /// The newest report of `farreach doctor` in one line, with its age when the recording began.
+    pub const DOCTOR: &str = "doctor";
+    /// That report as JSON; absent where there was none.
+    pub const DOCTOR_REPORT: &str = "doctor_report";
+    /// Processor of each loop; absent where the loops are not placed.
+    pub const PLACEMENT: &str = "placement";
     /// Name of the protocol.
     pub const PROTOCOL: &str = "protocol";
     /// Text of the protocol.

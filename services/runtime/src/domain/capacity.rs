@@ -27,14 +27,23 @@ fn needed_bytes() -> u64 {
     all + all / 4
 }
 
-/// Refuses to found a domain that would not fit.
-pub(super) fn check_capacity() -> Result<(), DomainError> {
+/// What a rig needs in shared memory, and what is free there (bytes).
+///
+/// # Errors
+/// Where the free space cannot be read.
+pub fn shared_memory_room() -> Result<(u64, u64), DomainError> {
     let found = rustix::fs::statvfs(SHARED_MEMORY)
         .map_err(|error| at("looking for free space in", Path::new(SHARED_MEMORY))(error.into()))?;
     // A tmpfs without a limit says that it has no blocks at all.
     let free =
         if found.f_blocks == 0 { u64::MAX } else { found.f_bavail.saturating_mul(found.f_frsize) };
-    fits(needed_bytes(), free)
+    Ok((needed_bytes(), free))
+}
+
+/// Refuses to found a domain that would not fit.
+pub(super) fn check_capacity() -> Result<(), DomainError> {
+    let (needed, free) = shared_memory_room()?;
+    fits(needed, free)
 }
 
 fn fits(needed: u64, found: u64) -> Result<(), DomainError> {

@@ -20,7 +20,7 @@ use crate::identity::random_u64;
 use crate::locks::LockFile;
 use crate::process_watch::ProcessWatch;
 use crate::shared_memory::SHARED_MEMORY;
-use crate::{ports, realtime, request, stale_cleanup};
+use crate::{placement, ports, realtime, request, stale_cleanup};
 
 /// The founder of a domain: holds every service open and cleans up after the dead; has no ports.
 #[derive(Debug)]
@@ -188,7 +188,8 @@ impl Keeper {
 }
 
 /// Draws a session and chooses its profile: the one that a person chose, or else the one that the
-/// host can keep; realtime in no case where `SCHED_FIFO` is not granted.
+/// host can keep; realtime in no case where `SCHED_FIFO` is not granted. Places the loops where a
+/// person wants it.
 fn new_session(prefix: String) -> SessionFile {
     let chosen = realtime::chosen_profile();
     // Tried on a thread of its own, so that the keeper's own scheduling stays as it is.
@@ -197,11 +198,19 @@ fn new_session(prefix: String) -> SessionFile {
         chosen != Some(Profile::BestEffort) && std::thread::spawn(granted).join().unwrap_or(false);
     let stall = chosen.is_none().then(|| HostStall::measure(MEASURED_FOR));
     let kept = chosen.or_else(|| stall.map(|stall| stall.profile()));
+    let placed = placement::placement_is_on()
+        .then(|| placement::place(&placement::observe_processors(), &placement::loops()));
+    let placement = placed
+        .unwrap_or_default()
+        .into_iter()
+        .map(|(process, number)| (process.text().to_owned(), number))
+        .collect();
     SessionFile {
         session: format!("{:016x}", random_u64()),
         profile: kept.filter(|_| fifo).unwrap_or(Profile::BestEffort),
         fifo,
         prefix,
         stall,
+        placement,
     }
 }

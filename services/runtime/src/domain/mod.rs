@@ -11,6 +11,7 @@ mod error;
 mod keeper;
 mod name;
 
+use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
 use std::time::{Duration, Instant};
@@ -19,6 +20,7 @@ use iceoryx2::prelude::*;
 use ipc_types::Profile;
 use serde::{Deserialize, Serialize};
 
+pub use capacity::shared_memory_room;
 pub use error::DomainError;
 pub(crate) use error::at;
 use error::library;
@@ -46,6 +48,9 @@ struct SessionFile {
     fifo: bool,
     prefix: String,
     stall: Option<HostStall>,
+    /// Processor of each loop, by the name of its process.
+    #[serde(default)]
+    placement: BTreeMap<String, usize>,
 }
 
 /// A domain that this process has joined.
@@ -56,6 +61,7 @@ pub struct Domain {
     profile: Profile,
     fifo: bool,
     stall: Option<HostStall>,
+    placement: BTreeMap<String, usize>,
     _alive: Option<LockFile>,
 }
 
@@ -86,6 +92,7 @@ impl Domain {
                         profile: file.profile,
                         fifo: file.fifo,
                         stall: file.stall,
+                        placement: file.placement,
                         _alive: Some(alive),
                     });
                 }
@@ -139,6 +146,11 @@ impl Domain {
     /// ([`crate::realtime::PROFILE_VARIABLE`]), so that nothing was measured.
     pub fn host_stall(&self) -> Option<HostStall> {
         self.stall
+    }
+
+    /// Processor of each loop, by the name of its process; empty where the loops are not placed.
+    pub fn placement(&self) -> &BTreeMap<String, usize> {
+        &self.placement
     }
 
     /// Whether the keeper lives, found out through its lock. Not for a real-time loop.

@@ -11,9 +11,9 @@ use serde_json::json;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 
 use super::{RunArguments, print, print_json};
+use crate::kept_folder::absolute;
 use crate::run::causes;
 use crate::scanner_key::ScannerKey;
-use crate::up::absolute;
 use crate::{
     ChosenProtocol, ConsoleAddress, DATA_LOST, DONE, Error, FAILED, Progress, RigLink, RunOutcome,
     SessionFiles,

@@ -101,6 +101,7 @@ fn options(arguments: &UpArguments, rig_name: &RigName) -> Result<UpOptions, Err
         console: arguments.console,
         monitor: arguments.monitor,
         profile: arguments.profile,
+        placement: arguments.place,
         executable,
     })
 }

@@ -22,6 +22,7 @@ pub fn table(status: &RigStatus, now: SystemTime, width: usize) -> String {
     if let Some(stall) = &status.host_stall {
         lines.push(format!("stalls    {stall}, measured when the rig came up"));
     }
+    lines.extend(placement_line(status));
     if let Some(unread) = &status.unread {
         lines.push(format!("topics    cannot be read: {unread}"));
     }
@@ -134,6 +135,19 @@ fn unhomed_line(axes: &[usize], protocol: &str) -> Option<String> {
     Some(format!(
         "homing    {which} NOT HOMED: positions count from power-up (farreach run {protocol})"
     ))
+}
+
+/// Where the loops run, and which of them were refused their processor.
+fn placement_line(status: &RigStatus) -> Option<String> {
+    let of = |name: &str| status.processes.iter().find(|process| process.name == name);
+    let words = status.placement.iter().map(|(name, number)| {
+        let elsewhere = of(name).is_some_and(|process| {
+            !process.processors.is_empty() && process.processors != [*number]
+        });
+        format!("{name} {number}{}", if elsewhere { " REFUSED" } else { "" })
+    });
+    let words: Vec<String> = words.collect();
+    (!words.is_empty()).then(|| format!("placement processor of each loop: {}", words.join(", ")))
 }
 
 fn model_line(model: &ModelStatus) -> String {
@@ -321,6 +335,19 @@ mod tests {
         // Every column ends where its heading ends.
         let ends = |line: &str| line.trim_end().chars().count();
         assert_eq!(ends(row("process")), ends(row("acquisition")), "{text}");
+    }
+
+    #[test]
+    fn the_placement_is_shown_and_what_was_refused() {
+        let mut status = status();
+        assert!(!table(&status, now(), usize::MAX).contains("placement"));
+        status.placement = [("acquisition".to_owned(), 1), ("control".to_owned(), 0)].into();
+        status.processes[0].processors = vec![0, 1];
+        let text = table(&status, now(), usize::MAX);
+        let line = "placement processor of each loop: acquisition 1 REFUSED, control 0\n";
+        assert!(text.contains(line), "{text}");
+        status.processes[0].processors = vec![1];
+        assert!(!table(&status, now(), usize::MAX).contains("REFUSED"));
     }
 
     #[test]
