@@ -49,14 +49,14 @@ pub(crate) enum Service {
     Acquisition {
         #[command(flatten)]
         rig: RigArgument,
-        /// The card that it reads and writes
+        /// The card that it reads and writes; that of the rig file, if left out
         #[arg(
             long,
             env = "FARREACH_CARD",
             hide_env_values = true,
             value_parser = card_parser()
         )]
-        card: CardKind,
+        card: Option<CardKind>,
         /// Measured record, with --card replay
         #[arg(long, value_name = "RECORD", env = "FARREACH_REPLAY", hide_env_values = true)]
         replay: Option<String>,
@@ -78,7 +78,19 @@ pub(crate) enum Service {
     #[command(
         after_help = "Example:\n  farreach service watchdog --rig launch/rigs/hydrostatic.toml"
     )]
-    Watchdog(RigArgument),
+    Watchdog {
+        #[command(flatten)]
+        rig: RigArgument,
+        /// The card behind acquisition, whose enable line it switches; that of the rig file, if
+        /// left out
+        #[arg(
+            long,
+            env = "FARREACH_CARD",
+            hide_env_values = true,
+            value_parser = card_parser()
+        )]
+        card: Option<CardKind>,
+    },
     /// Writes all topics to disk
     #[command(
         after_help = "Example:\n  farreach service logger --rig launch/rigs/hydrostatic.toml \
@@ -170,14 +182,19 @@ pub(crate) fn run(service: Service, rig_name: &RigName) -> anyhow::Result<i32> {
             })?;
         }
         Service::Acquisition { rig, card, replay, looped } => {
-            let card = CardOptions { kind: card, replay: given(replay), looped };
-            acquisition::run(name, &rig.load()?, &card).map_err(|error| match error {
+            let rig = rig.load()?;
+            let kind = card.or(rig.card).ok_or_else(|| usage(operator::Error::NoCard))?;
+            let card = CardOptions { kind, replay: given(replay), looped };
+            acquisition::run(name, &rig, &card).map_err(|error| match error {
                 AcquisitionError::Card(_) => usage(error),
                 other => other.into(),
             })?;
         }
         Service::Control(rig) => control::run(name, &rig.load()?)?,
-        Service::Watchdog(rig) => watchdog::run(name, &rig.load()?)?,
+        Service::Watchdog { rig, card } => {
+            let rig = rig.load()?;
+            watchdog::run(name, &rig, card.or(rig.card))?;
+        }
         Service::Logger { rig, record, metadata } => {
             let metadata = metadata.into_iter().collect();
             let options = logger::Options { record: given(record), metadata };

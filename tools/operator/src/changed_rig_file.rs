@@ -95,6 +95,8 @@ fn other_part(before: &RigFile, after: &RigFile) -> Option<&'static str> {
     };
     let parts = [
         ("name", before.name == after.name),
+        ("card", before.card == after.card),
+        ("comedi", before.comedi == after.comedi),
         ("rates", before.rates == after.rates),
         ("phases_us", before.phases == after.phases),
         ("axes", axes(before) == axes(after)),
