@@ -20,6 +20,8 @@ codes! {
         Null = 2, "null";
         /// A real card.
         Hardware = 3, "hardware";
+        /// A real card with a Linux comedi driver.
+        Comedi = 4, "comedi";
     }
 }
 
@@ -77,6 +79,15 @@ impl CardKind {
             Self::Hardware => {
                 Capabilities { accepts_output: true, holds_on_exit: true, real: true, ..none }
             }
+            // A rig file gives motors to it only with an enable line.
+            Self::Comedi => Capabilities {
+                accepts_output: true,
+                digital_outputs: 8,
+                holds_on_exit: true,
+                enable_line: Some(LineDriver::Watchdog),
+                real: true,
+                ..none
+            },
         }
     }
 }

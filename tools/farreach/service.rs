@@ -59,14 +59,14 @@ pub(crate) enum Service {
     Acquisition {
         #[command(flatten)]
         rig: RigArgument,
-        /// The card that it reads and writes
+        /// The card that it reads and writes; that of the rig file, if left out
         #[arg(
             long,
             env = "FARREACH_CARD",
             hide_env_values = true,
             value_parser = card_parser()
         )]
-        card: CardKind,
+        card: Option<CardKind>,
         /// Measured record, with --card replay
         #[arg(long, value_name = "RECORD", env = "FARREACH_REPLAY", hide_env_values = true)]
         replay: Option<String>,
@@ -93,6 +93,15 @@ pub(crate) enum Service {
         rig: RigArgument,
         #[command(flatten)]
         doctor: DoctorFolder,
+        /// The card behind acquisition, whose enable line it switches; that of the rig file, if
+        /// left out
+        #[arg(
+            long,
+            env = "FARREACH_CARD",
+            hide_env_values = true,
+            value_parser = card_parser()
+        )]
+        card: Option<CardKind>,
     },
     /// Writes all topics to disk
     #[command(
@@ -214,15 +223,18 @@ pub(crate) fn run(service: Service, rig_name: &RigName) -> anyhow::Result<i32> {
             })?;
         }
         Service::Acquisition { rig, card, replay, looped } => {
-            let card = CardOptions { kind: card, replay: given(replay), looped };
-            acquisition::run(name, &rig.load()?, &card).map_err(|error| match error {
+            let rig = rig.load()?;
+            let kind = card.or(rig.card).ok_or_else(|| usage(operator::Error::NoCard))?;
+            let card = CardOptions { kind, replay: given(replay), looped };
+            acquisition::run(name, &rig, &card).map_err(|error| match error {
                 AcquisitionError::Card(_) => usage(error),
                 other => other.into(),
             })?;
         }
         Service::Control(rig) => control::run(name, &rig.load()?)?,
-        Service::Watchdog { rig, doctor } => {
-            watchdog::run(name, &rig.load()?, doctor.given().as_deref())?;
+        Service::Watchdog { rig, card, doctor } => {
+            let rig = rig.load()?;
+            watchdog::run(name, &rig, card.or(rig.card), doctor.given().as_deref())?;
         }
         Service::Logger { rig, record, metadata, doctor } => {
             let metadata = metadata.into_iter().collect();

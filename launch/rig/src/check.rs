@@ -1,8 +1,11 @@
 //! Checks of a rig file that need several of its sections.
 
 mod axis;
+mod comedi;
 mod declared_model;
 mod gains;
+
+use ipc_types::CardKind;
 
 use crate::channel::Channel;
 use crate::checked_toml::Source;
@@ -21,6 +24,14 @@ pub(crate) fn check(rig: &RigFile, source: &Source<'_>) {
     muscles::check(&rig.emg, &rig.channels, &rig.rates, source);
     declared_model::check(&rig.model, &rig.axes, source);
     ScannerLine::check(rig.scanner.as_ref(), &rig.channels, source);
+    match &rig.comedi {
+        Some(card) => comedi::check(rig, card, source),
+        None if rig.card == Some(CardKind::Comedi) => {
+            let advice = "see docs/comedi.md";
+            source.problem("card", "a section [comedi] with the wiring", "none", advice);
+        }
+        None => {}
+    }
     if let Some(scanner) = &rig.simulation.scanner {
         simulated_scanner::check(scanner, rig.scanner.as_ref(), &rig.channels, &rig.rates, source);
     }

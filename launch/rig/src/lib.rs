@@ -25,6 +25,7 @@ mod built_in_files;
 mod channel;
 mod check;
 mod checked_toml;
+mod comedi_card;
 mod compensation;
 mod content_hash;
 mod effect;
@@ -57,6 +58,10 @@ pub use built_in_files::{
     PROTOCOLS, RIGS, Shipped, home_protocol, load_declaration, load_protocol, load_rig,
 };
 pub use channel::{Channel, ChannelKind};
+pub use comedi_card::{
+    Calibration, ComediAxis, ComediCard, DigitalLines, EncoderCounter, InputCalibration,
+    MotorOutput, MotorPower,
+};
 pub use compensation::{Compensation, CompensationKind, ControlOptions, Observer, SlaveLoop};
 pub use content_hash::identity;
 pub use effect::{ModelEffect, ModelEffectError};

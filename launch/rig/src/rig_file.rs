@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use emg::{Conditioning, Electrode, Group};
-use ipc_types::ANALOG;
+use ipc_types::{ANALOG, CardKind};
 use plant::effects::Effect;
 use plant::reflected_dynamics::ReflectedDynamics;
 use plant::transmission_kinds::Parameters;
@@ -12,6 +12,7 @@ use crate::axis::Axis;
 use crate::axis_unit::AxisUnit;
 use crate::channel::Channel;
 use crate::checked_toml::{Keys, Section};
+use crate::comedi_card::ComediCard;
 use crate::content_hash::identity;
 use crate::effect::{ModelEffect, ModelEffectError};
 use crate::error::{Problem, RigError};
@@ -30,6 +31,9 @@ pub struct RigFile {
     pub name: String,
     /// Description for people.
     pub description: String,
+    /// The card with which it is brought up where no option names one; `None` where the file does
+    /// not say.
+    pub card: Option<CardKind>,
     /// Rates of the periodic processes.
     pub rates: Rates,
     /// Phase of each process within its period.
@@ -47,6 +51,8 @@ pub struct RigFile {
     pub scanner: Option<ScannerLine>,
     /// The output that gives a pulse when a session begins; `None` where the rig has none.
     pub sync: Option<SyncOutput>,
+    /// The wiring of a comedi card; `None` where the rig has none.
+    pub comedi: Option<ComediCard>,
     /// The declared model.
     pub model: Model,
     /// Column names of measured records.
@@ -61,6 +67,7 @@ pub struct RigFile {
 const KEYS: Keys = &[
     ("name", "Name of the rig."),
     ("description", "Description for people."),
+    ("card", "The card with which `up` brings the rig up where no option names one."),
     ("rates", "Rates of the processes."),
     ("phases_us", "Phases of the processes."),
     ("axes", "One to three axes."),
@@ -69,6 +76,7 @@ const KEYS: Keys = &[
     ("emg", "How the voltages of electrodes become the activity of muscles."),
     ("scanner", "The scanner's trigger line."),
     ("sync", "The digital output that gives a pulse when a session begins."),
+    ("comedi", "Wiring of a card with a Linux comedi driver: see docs/comedi.md."),
     ("model", "The declared model; required."),
     ("replay", "Column names of measured records."),
     ("simulation", "Settings of the simulated card."),
@@ -115,9 +123,13 @@ impl RigFile {
         let emg = muscles::read(root.section("emg"));
         let scanner = ScannerLine::read(root.section("scanner"), &channels);
         let sync = SyncOutput::read(root.section("sync"));
+        let cards = [CardKind::Simulated, CardKind::Null, CardKind::Comedi];
+        let card = root.word_or_none("card", &cards.map(|kind| (kind.text(), kind)));
+        let comedi = ComediCard::read(root.section("comedi"));
         Self {
             name,
             description: root.text_or_none("description").unwrap_or_default(),
+            card,
             rates,
             phases,
             axes,
@@ -126,6 +138,7 @@ impl RigFile {
             emg,
             scanner,
             sync,
+            comedi,
             model,
             replay: Replay::read(root.section("replay"), unit),
             simulation: Simulation::read(root.section("simulation"), unit),

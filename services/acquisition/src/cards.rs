@@ -1,17 +1,20 @@
 //! The cards that acquisition can be started with: one table, from the kind to its driver.
 
+mod comedi;
 mod null;
 mod replay;
 mod simulated;
 
 use std::path::PathBuf;
 
+pub use self::comedi::{CheckedComedi, ComediDaq};
+use ::comedi::ComediError;
 use ipc_types::CardKind;
 pub use null::NullDaq;
 pub use replay::{ReplayDaq, ReplayError};
-use rig::RigFile;
+use rig::{ComediCard, RigFile};
 use runtime::daq::Daq;
-use runtime::{PortError, Service};
+use runtime::{DomainError, PortError, Service};
 pub use simulated::SimulatedDaq;
 use thiserror::Error;
 
@@ -32,6 +35,18 @@ pub const DRIVERS: &[Driver] = &[
         kind: CardKind::Null,
         open: |_, rig| Ok(ready(NullDaq::new(rig.rates.acquisition_hz))),
     },
+    Driver {
+        kind: CardKind::Comedi,
+        open: |_, rig| {
+            let card = rig.comedi.as_ref();
+            let card = card.ok_or_else(|| CardError::NoWiring(rig.file_name().to_owned()))?;
+            let checked = CheckedComedi::open(rig, card)?;
+            Ok(Box::new(|service, _| {
+                let directory = service.domain().name().make_run_directory()?;
+                Ok(Box::new(checked.start(Some(&directory))?))
+            }))
+        },
+    },
 ];
 
 /// Opens the cards of one kind.
@@ -45,7 +60,19 @@ pub struct Driver {
 }
 
 /// A card that was opened: the rest is done when the process has joined the rig.
-pub type Opened = Box<dyn FnOnce(&Service, &RigFile) -> Result<Box<dyn Daq>, PortError>>;
+pub type Opened = Box<dyn FnOnce(&Service, &RigFile) -> Result<Box<dyn Daq>, StartError>>;
+
+/// A card that was checked cannot be taken into use now; a restart may help.
+#[derive(Debug, Error)]
+#[allow(missing_docs)]
+pub enum StartError {
+    #[error(transparent)]
+    Port(#[from] PortError),
+    #[error(transparent)]
+    Domain(#[from] DomainError),
+    #[error(transparent)]
+    Comedi(#[from] ComediError),
+}
 
 /// A card that needs nothing of the rig.
 fn ready(card: impl Daq + 'static) -> Opened {
@@ -74,9 +101,15 @@ impl CardOptions {
     /// # Errors
     /// When there is no driver, an option is missing, or the card does not fit the rig.
     pub fn open(&self, rig: &RigFile) -> Result<Opened, CardError> {
-        if self.kind.capabilities().accepts_output {
+        let comedi = rig.comedi.as_ref().filter(|_| self.kind == CardKind::Comedi);
+        let capabilities = self.kind.capabilities();
+        // A comedi card has the outputs that the rig file wires.
+        if comedi.map_or(capabilities.accepts_output, ComediCard::has_outputs) {
             rig.check_homing()?;
-            let outputs = self.kind.capabilities().digital_outputs;
+        }
+        if capabilities.accepts_output {
+            let wired = |card: &ComediCard| card.digital_outputs.as_ref().map_or(0, |it| it.count);
+            let outputs = comedi.map_or(capabilities.digital_outputs, wired);
             if let Some(sync) = rig.sync.filter(|sync| sync.output >= outputs) {
                 let (kind, output) = (self.kind, sync.output);
                 return Err(CardError::NoDigitalOutput { kind, output, outputs });
@@ -103,6 +136,15 @@ pub enum CardError {
     )]
     #[allow(missing_docs)]
     NoDigitalOutput { kind: CardKind, output: u32, outputs: u32 },
+    /// The rig file does not say how the card is wired.
+    #[error(
+        "{0}: comedi: expected a section [comedi] with the wiring of the card, found none; \
+             see docs/comedi.md"
+    )]
+    NoWiring(String),
+    /// The card is not what the rig file says.
+    #[error(transparent)]
+    Comedi(#[from] ComediError),
     /// The replay has nothing to replay.
     #[error("--card replay: --replay RECORD is missing")]
     NoRecord,

@@ -16,7 +16,7 @@ use crate::homing::{Changes, Homing};
 use crate::homing_file::{self, HomingFile};
 use crate::sync_pulse::{Ordered, SyncPulse};
 use crate::trigger::Trigger;
-use crate::{CardError, CardOptions, Converter};
+use crate::{CardError, CardOptions, Converter, StartError};
 
 /// Why the process ended.
 #[derive(Debug, Error)]
@@ -24,6 +24,8 @@ use crate::{CardError, CardOptions, Converter};
 pub enum AcquisitionError {
     #[error(transparent)]
     Card(#[from] CardError),
+    #[error("card: {0}")]
+    Start(#[from] StartError),
     #[error(transparent)]
     Service(#[from] ServiceError),
     #[error(transparent)]

@@ -5,8 +5,8 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
 use ipc_types::{
-    COMMAND, ENABLE_LINE, EnableLine, Event, EventKind, Process, SAMPLE, Severity, TOKEN, Verb,
-    WatchdogState,
+    COMMAND, CardKind, ENABLE_LINE, EnableLine, Event, EventKind, Process, SAMPLE, Severity, TOKEN,
+    Verb, WatchdogState,
 };
 use rig::RigFile;
 use runtime::clock::now_ns;
@@ -15,6 +15,7 @@ use thiserror::Error;
 
 use crate::command_thread::{self, Heartbeat, Shared};
 use crate::doctor_gate::DoctorGate;
+use crate::enable_output::{EnableOutput, LineError};
 use crate::interlock::{Config, Interlock, Outputs, Peers, StateChange};
 
 /// Text of the event for a step of the clock of the day.
@@ -28,6 +29,8 @@ pub enum WatchdogError {
     Service(#[from] ServiceError),
     #[error(transparent)]
     Port(#[from] PortError),
+    #[error(transparent)]
+    Line(#[from] LineError),
     /// The command thread has ended.
     #[error("the command thread has ended: the operator's commands have no effect")]
     CommandThreadDead,
@@ -53,12 +56,19 @@ fn state_changed(change: &StateChange) -> Event {
     }
 }
 
-/// Runs the watchdog on the rig of that name until a signal ends it. `doctor` is the folder with
-/// the doctor's reports, without which a real card is armed by an override only.
+/// Runs the watchdog on the rig of that name until a signal ends it. Where the card is a real one,
+/// it switches the enable line by itself. `doctor` is the folder with the doctor's reports, without
+/// which a real card is armed by an override only.
 ///
 /// # Errors
 /// [`WatchdogError`].
-pub fn run(rig_name: &str, rig: &RigFile, doctor: Option<&Path>) -> Result<(), WatchdogError> {
+pub fn run(
+    rig_name: &str,
+    rig: &RigFile,
+    card: Option<CardKind>,
+    doctor: Option<&Path>,
+) -> Result<(), WatchdogError> {
+    let mut output = EnableOutput::of_rig(card, rig)?;
     let mut service = Service::start(Process::Watchdog, rig_name)?;
     let mut samples = service.subscriber(SAMPLE)?;
     let mut commands = service.subscriber(COMMAND)?;
@@ -104,6 +114,9 @@ pub fn run(rig_name: &str, rig: &RigFile, doctor: Option<&Path>) -> Result<(), W
             toggles += 1;
         }
         lines.send(EnableLine { epoch: token.epoch, toggles, ..EnableLine::default() })?;
+        if let Some(output) = output.as_mut().filter(|_| toggle_line) {
+            output.toggle()?;
+        }
         if let Some(change) = event {
             service.publish(state_changed(&change))?;
         }

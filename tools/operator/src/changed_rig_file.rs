@@ -8,8 +8,8 @@ use rig::RigFile;
 use runtime::RigName;
 
 use crate::Error;
-use crate::restart::{processes, until_ready_again};
 use crate::kept_folder::absolute;
+use crate::restart::{processes, until_ready_again};
 use crate::saved_rig_file::{MACHINE, RIG, keep_copy, rig_of, running};
 
 /// Whether a process reads anything of a rig file that may change while the rig is up: gains,
@@ -73,6 +73,8 @@ fn other_part(before: &RigFile, after: &RigFile) -> Option<&'static str> {
     };
     let parts = [
         ("name", before.name == after.name),
+        ("card", before.card == after.card),
+        ("comedi", before.comedi == after.comedi),
         ("rates", before.rates == after.rates),
         ("phases_us", before.phases == after.phases),
         ("axes", axes(before) == axes(after)),

@@ -193,7 +193,7 @@ pub struct UpArguments {
     /// Uses the simulated card
     #[arg(long, conflicts_with = "replay")]
     pub simulate: bool,
-    /// Uses the named card
+    /// Uses the named card; by default that of the rig file
     #[arg(long, conflicts_with_all = ["simulate", "replay"],
         value_parser = card_without_record_parser())]
     pub card: Option<CardKind>,

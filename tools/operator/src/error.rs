@@ -18,10 +18,10 @@ pub const DATA_LOST: i32 = 3;
 /// Errors of this crate.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
-    /// None of `--simulate`, `--replay` and `--card`.
+    /// None of `--simulate`, `--replay` and `--card`, and no `card` in the rig file.
     #[error(
         "no card was chosen; use the simulated card (--simulate), replay a measured record \
-         (--replay RECORD), or name a card (--card NAME: {})",
+         (--replay RECORD), or name a card (--card NAME, or `card = \"NAME\"` in the rig file: {})",
         acquisition::DRIVERS.iter().map(|driver| driver.kind.text()).collect::<Vec<_>>().join(", ")
     )]
     NoCard,

@@ -22,7 +22,7 @@ pub struct UpOptions {
     pub rig_name: RigName,
     /// Rig file: a path, or the name of a shipped one.
     pub rig: PathBuf,
-    /// The card; `None` is an error that says what there is.
+    /// The card; `None` for that of the rig file, without which it is an error.
     pub card: Option<CardOptions>,
     /// Effects in the plant of the simulated card that no model is told of (`ID[@SITE][=SIZE]`).
     pub effects: Vec<String>,
@@ -112,6 +112,12 @@ struct Prepared {
     card: CardKind,
 }
 
+/// The card that was asked for, or that of the rig file.
+fn card_of(asked: Option<&CardOptions>, rig: &RigFile) -> Result<CardOptions, Error> {
+    let of_rig = || rig.card.map(CardOptions::of);
+    asked.cloned().or_else(of_rig).ok_or(Error::NoCard)
+}
+
 /// The machine that is simulated, checked against the rig file that all others read.
 fn machine_of(options: &UpOptions, rig: &RigFile) -> Result<Option<RigFile>, Error> {
     let Some(asked) = &options.machine else { return Ok(None) };
@@ -137,7 +143,7 @@ fn machine_of(options: &UpOptions, rig: &RigFile) -> Result<Option<RigFile>, Err
 impl Prepared {
     fn new(options: &UpOptions) -> Result<Self, Error> {
         let rig = rig::load_rig(&options.rig)?;
-        let card = options.card.as_ref().ok_or(Error::NoCard)?;
+        let card = &card_of(options.card.as_ref(), &rig)?;
         let machine = machine_of(options, &rig)?;
         if card.kind == CardKind::Simulated {
             // what the simulator process does with it; the line's life does not matter here
@@ -248,6 +254,17 @@ mod tests {
             assert_eq!(error.exit_code(), expected, "{error}");
             assert!(!wrong.rig_name.directory().exists(), "{error}");
         }
+    }
+
+    #[test]
+    fn the_rig_file_names_the_card_where_no_option_does() {
+        let rig = rig::load_rig(Path::new("hydrostatic")).unwrap();
+        assert!(matches!(card_of(None, &rig), Err(Error::NoCard)));
+        let text = format!("card = \"null\"\n{}", rig.text());
+        let rig = RigFile::parse(&text, "rig.toml").unwrap();
+        assert_eq!(card_of(None, &rig).unwrap(), CardOptions::of(CardKind::Null));
+        let simulated = CardOptions::of(CardKind::Simulated);
+        assert_eq!(card_of(Some(&simulated), &rig).unwrap(), simulated);
     }
 
     #[test]
