@@ -78,8 +78,8 @@ fn attempt(rig: &TestRig, text: &str, more: &[&str], file: &Path) -> Option<Outc
     let topic = event_topic(Process::Simulator).unwrap().topic.name;
     let events: Vec<Event> = messages(&recording, topic);
     let tick_of = |kind: EventKind| {
-        let mut of_kind = events.iter().filter(|event| event.kind == kind.code());
-        let event = of_kind.next().unwrap_or_else(|| panic!("{text}: {kind:?}"));
+        let event = events.iter().find(|event| event.kind == kind.code());
+        let event = event.unwrap_or_else(|| panic!("{text}: {kind:?}"));
         assert!(event.text().starts_with(text), "{}", event.text());
         event.a as u64
     };

@@ -250,12 +250,15 @@ pub(crate) fn change(
     let status = status(&rig)?;
     config.environment.extend(environment);
     describe(config)?;
-    let running = units.iter().filter(|name| status.unit(name).is_some());
-    running.map(|name| restart(&rig, name)).collect()
+    let mut running = units.iter().filter(|name| status.unit(name).is_some());
+    running.try_for_each(|name| restart(&rig, name))
 }
 
+/// Each process with what `systemctl show` says of its unit.
+type ShownUnits = Vec<(&'static ProcessEntry, Shown)>;
+
 /// What `systemctl show` says of the target and of the unit of each process.
-fn show(rig: &str) -> Result<(Shown, Vec<(&'static ProcessEntry, Shown)>), Error> {
+fn show(rig: &str) -> Result<(Shown, ShownUnits), Error> {
     let units: Vec<String> = PROCESSES.iter().map(|entry| unit(rig, entry.name())).collect();
     let mut command = systemctl(&["show"]);
     command.arg(format!("--property={}", show::PROPERTIES)).arg("--").arg(target(rig)).args(&units);

@@ -14,6 +14,8 @@ pub struct Plausibility {
     pub following_error_time_s: f64,
     /// Largest change of the difference between master and slave since power was given (rad or m).
     pub disagreement_max: f64,
+    /// Way that one side may move while the encoder of the other counts nothing (rad or m).
+    pub stuck_travel_max: f64,
     /// Longest time for which the output may stay at its limit (s).
     pub saturation_time_s: f64,
     /// Rating of motor and amplifier; `None` where it is not known, and not watched.
@@ -38,6 +40,7 @@ impl Default for Plausibility {
             following_error_max: f64::INFINITY,
             following_error_time_s: 0.0,
             disagreement_max: f64::INFINITY,
+            stuck_travel_max: f64::INFINITY,
             saturation_time_s: f64::INFINITY,
             thermal: None,
         }
@@ -46,9 +49,12 @@ impl Default for Plausibility {
 
 /// The defaults are shares of the range of positions, which fits any unit and machine: they find
 /// an axis that runs away or stands still, not one that is badly tuned.
-const FOLLOWING_SHARE: f64 = 0.25;
-/// More than the windup of a compliant line at full volts.
-const DISAGREEMENT_SHARE: f64 = 1.0 / 3.0;
+const FOLLOWING_SHARE: f64 = 0.125;
+/// More than a compliant line winds up in movements; a search for the stops winds it up further,
+/// and is exempt.
+const DISAGREEMENT_SHARE: f64 = 0.25;
+/// More than a line winds up before a side with dry friction gives way.
+const STUCK_SHARE: f64 = 1.0 / 12.0;
 
 const ERROR_DEG: Bounds = bounds(0.1, 240.0, "the value is in degrees");
 const ERROR_M: Bounds = bounds(1e-6, 10.0, "the value is in m");
@@ -61,13 +67,18 @@ const KEYS: Keys = &[
     (
         "following_error_max_{deg,m}",
         "Largest distance of master and slave, whichever is nearer, from the reference under \
-         position control; a quarter of the range of positions, if left out.",
+         position control; an eighth of the range of positions, if left out.",
     ),
     ("following_error_time_s", "What the reference's speed adds to it."),
     (
         "disagreement_max_{deg,m}",
-        "Largest change of the difference between master and slave since power was given; a third \
-         of the range of positions, if left out.",
+        "Largest change of the difference between master and slave since power was given; a \
+         quarter of the range of positions, if left out.",
+    ),
+    (
+        "stuck_travel_max_{deg,m}",
+        "Way that one side may move while the encoder of the other counts nothing; a twelfth of \
+         the range of positions, if left out.",
     ),
     ("saturation_time_s", "Longest time for which the output may stay at its limit."),
     (
@@ -98,6 +109,8 @@ impl Plausibility {
             KeyNames("disagreement_max_deg", "disagreement_max_m"),
             range * DISAGREEMENT_SHARE,
         );
+        let stuck =
+            length(KeyNames("stuck_travel_max_deg", "stuck_travel_max_m"), range * STUCK_SHARE);
         let continuous_v = section.number_or_none("continuous_v", CONTINUOUS);
         if let Some(continuous_v) = continuous_v.filter(|&volts| volts >= volts_max) {
             let expected = format!("less than volts_max, {volts_max}");
@@ -112,6 +125,7 @@ impl Plausibility {
             following_error_max: following,
             following_error_time_s: section.number_or("following_error_time_s", 0.05, ERROR_TIME),
             disagreement_max: disagreement,
+            stuck_travel_max: stuck,
             saturation_time_s: section.number_or("saturation_time_s", 2.0, SATURATION),
             thermal: continuous_v
                 .map(|continuous_v| ThermalRating { continuous_v, time_constant_s }),

@@ -168,12 +168,12 @@ proptest! {
         let (mut last, mut before) = (encoders(&faulty[0]), encoders(&whole[0]));
         for (at, (scan, true_scan)) in faulty.iter().zip(&whole).enumerate() {
             let (now, truth) = (encoders(scan), encoders(true_scan));
-            for side in 0..2 {
+            for (side, name) in ["master", "slave"].into_iter().enumerate() {
                 if now[side] == ABSENT_COUNT {
                     continue;
                 }
                 let (step, turned) = (now[side] - last[side], truth[side] - before[side]);
-                let jump = jumps && at as u64 == begin && text.ends_with(["master", "slave"][side]);
+                let jump = jumps && at as u64 == begin && text.ends_with(name);
                 let expected = if jump { 1000 } else { 0 };
                 // After a drop-out the counts go on from the last that was read.
                 prop_assert!(

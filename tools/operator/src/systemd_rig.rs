@@ -41,7 +41,7 @@ pub fn describe_to_clients(name: &RigName, cold: bool) -> Result<(), Error> {
         .collect();
     let asked = PathBuf::from(variables.get(RIG).ok_or(Error::NoVariable { name: RIG })?);
     let rig = rig::load_rig(&asked)?;
-    let copy = crate::up::absolute(&keep_copy(&run_dir, &asked, &rig)?)?;
+    let copy = crate::kept_folder::absolute(&keep_copy(&run_dir, &asked, &rig)?)?;
     variables.insert(RIG.to_owned(), copy);
     let card = variables.get("FARREACH_CARD").map_or("", String::as_str);
     let card = acquisition::DRIVERS.iter().map(|driver| driver.kind).find(|of| of.text() == card);

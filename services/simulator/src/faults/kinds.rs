@@ -152,8 +152,8 @@ pub enum Promise {
     /// The interlock that looks for it trips by one of these causes; the motor has 0 V at most so
     /// many card ticks after the first scan with the fault, in the realtime profile.
     Trips(&'static [TripCause], u64),
-    /// No interlock looks for it: what it causes may trip by one of these causes once a limit is
-    /// passed, or may not.
+    /// What it causes trips by one of these causes once a limit is passed, which depends on the
+    /// movement, or does not.
     AtALimit(&'static [TripCause]),
     /// Nothing trips.
     NotNoticed,
@@ -168,9 +168,20 @@ const ONE_MESSAGE: u64 = 8;
 /// rounding.
 const SILENCE: u64 = 16 + 4;
 const BOTH: &[Place] = &[Place::Master, Place::Slave];
-/// What a motor or handle that runs away passes.
-const RUNAWAY: &[TripCause] =
-    &[TripCause::SpeedLimit, TripCause::PositionLimit, TripCause::TorqueLimit];
+/// What a machine that runs away, stands still or comes apart passes.
+const ASTRAY: &[TripCause] = &[
+    TripCause::SpeedLimit,
+    TripCause::PositionLimit,
+    TripCause::TorqueLimit,
+    TripCause::EncoderStuck,
+    TripCause::Disagreement,
+    TripCause::FollowingError,
+    TripCause::Saturated,
+];
+
+/// What shows that the volts at the motor are those of earlier.
+const STANDS_STILL: &[TripCause] =
+    &[TripCause::ReadBack, TripCause::SpeedLimit, TripCause::PositionLimit, TripCause::TorqueLimit];
 
 const ANY: FaultKind = FaultKind {
     name: "",
@@ -192,7 +203,7 @@ pub const LIST: &[FaultKind] = &[
         places: BOTH,
         what: "the encoder's counter holds its count",
         after: "it counts on from there: its zero has moved",
-        promises: &[AtALimit(RUNAWAY), AtALimit(RUNAWAY)],
+        promises: &[AtALimit(ASTRAY), AtALimit(ASTRAY)],
         ..ANY
     },
     FaultKind {
@@ -216,7 +227,7 @@ pub const LIST: &[FaultKind] = &[
         after: "it counts on from where it was: its zero has moved",
         promises: &[
             Trips(&[TripCause::SensorInvalid], ONE_MESSAGE),
-            Trips(&[TripCause::HomingLost], ONE_MESSAGE),
+            Trips(&[TripCause::SensorInvalid], ONE_MESSAGE),
         ],
         ..ANY
     },
@@ -226,7 +237,7 @@ pub const LIST: &[FaultKind] = &[
         places: BOTH,
         what: "the encoder counts the other way, from its present count on",
         after: "it counts as before, from there: its zero has moved",
-        promises: &[AtALimit(RUNAWAY), AtALimit(RUNAWAY)],
+        promises: &[AtALimit(ASTRAY), AtALimit(ASTRAY)],
         ..ANY
     },
     FaultKind {
@@ -243,7 +254,7 @@ pub const LIST: &[FaultKind] = &[
         places: &[Place::Channel],
         size: Some(Size::new("sign: 1 or -1", "full scale", 1.0, (-1.0, 1.0)).whole()),
         what: "the analog input reads its full scale",
-        promises: &[AtALimit(RUNAWAY)],
+        promises: &[AtALimit(ASTRAY)],
         ..ANY
     },
     FaultKind {
@@ -275,7 +286,7 @@ pub const LIST: &[FaultKind] = &[
         acts: Acts::CardOutput,
         action: Action::DacStuck,
         what: "the DAC holds its last voltage, whatever is written; the read-back shows it",
-        promises: &[AtALimit(RUNAWAY)],
+        promises: &[AtALimit(STANDS_STILL)],
         ..ANY
     },
     FaultKind {
@@ -283,7 +294,7 @@ pub const LIST: &[FaultKind] = &[
         acts: Acts::EnableLine,
         action: Action::LineBroken,
         what: "no edge of the enable line reaches the card, which drops the motor",
-        promises: &[NotNoticed],
+        promises: &[Trips(&[TripCause::ReadBack], SILENCE)],
         ..ANY
     },
     FaultKind {
@@ -299,7 +310,7 @@ pub const LIST: &[FaultKind] = &[
         acts: Acts::Drive,
         action: Action::AmplifierDead,
         what: "the amplifier gives no current; the read-back is at its input and shows nothing",
-        promises: &[NotNoticed],
+        promises: &[AtALimit(ASTRAY)],
         ..ANY
     },
     FaultKind {
@@ -308,7 +319,7 @@ pub const LIST: &[FaultKind] = &[
         action: Action::AmplifierRail,
         size: Some(Size::new("as if this were at its input", "V", 10.0, (-100.0, 100.0))),
         what: "the amplifier is stuck at its rail while the motor has power",
-        promises: &[AtALimit(RUNAWAY)],
+        promises: &[AtALimit(ASTRAY)],
         ..ANY
     },
     FaultKind {
@@ -316,7 +327,7 @@ pub const LIST: &[FaultKind] = &[
         acts: Acts::Drive,
         action: Action::MotorReversed,
         what: "the motor turns the other way",
-        promises: &[AtALimit(RUNAWAY)],
+        promises: &[AtALimit(ASTRAY)],
         ..ANY
     },
     FaultKind {
@@ -327,7 +338,7 @@ pub const LIST: &[FaultKind] = &[
         what: "both hoses burst: the line's stiffness falls to nothing",
         after: "the line is filled anew: it transmits from where master and slave are",
         only: Some(Transmission::Hydrostatic),
-        promises: &[NotNoticed],
+        promises: &[AtALimit(ASTRAY)],
         ..ANY
     },
     FaultKind {
@@ -339,8 +350,7 @@ pub const LIST: &[FaultKind] = &[
         what: "the cable slips on its pulley",
         after: "what it slipped stays",
         only: Some(Transmission::Cable),
-        promises: &[NotNoticed, NotNoticed],
-        ..ANY
+        promises: &[AtALimit(ASTRAY), AtALimit(ASTRAY)],
     },
     FaultKind {
         name: "belt_slip",
@@ -351,8 +361,7 @@ pub const LIST: &[FaultKind] = &[
         what: "the belt between pulley and piston slips, or is torn",
         after: "what it slipped stays",
         only: Some(Transmission::Hydrostatic),
-        promises: &[NotNoticed, NotNoticed],
-        ..ANY
+        promises: &[AtALimit(ASTRAY), AtALimit(ASTRAY)],
     },
     FaultKind {
         name: "seized",
@@ -361,7 +370,7 @@ pub const LIST: &[FaultKind] = &[
         places: &[Place::Slave, Place::Master],
         size: Some(Size::of(&seizure::ENTRY, "friction that holds it", "N·m")),
         what: "the side is stuck",
-        promises: &[NotNoticed, NotNoticed],
+        promises: &[AtALimit(ASTRAY), AtALimit(ASTRAY)],
         ..ANY
     },
 ];

@@ -127,10 +127,12 @@ impl PlausibilityMonitor {
             }
             faults.insert_if(axis.saturated(&reading), TripCause::Saturated);
             faults.insert_if(axis.read_back(&reading, config.echo_lost_ns), TripCause::ReadBack);
-            if let Some(cause) = axis.moved_apart(&reading) {
+            let command = command.filter(|command| command.epoch == sample.epoch);
+            // A search for the stops holds the slave and winds up the line.
+            let searches = command.is_some_and(|command| command.mode == Mode::Initialise.code());
+            if let Some(cause) = axis.moved_apart(&reading).filter(|_| !searches) {
                 faults.insert(cause);
             }
-            let command = command.filter(|command| command.epoch == sample.epoch);
             let lost = command.is_some_and(|command| left_behind(&reading, command));
             faults.insert_if(lost, TripCause::FollowingError);
         }
@@ -181,11 +183,11 @@ impl AxisMonitor {
         lasts(&mut self.unexplained_since_ns, !explained, sample.scan_time_ns, longest_ns)
     }
 
-    /// Whether master and slave have moved apart by more than the line lets them: one of them has
-    /// counted nothing for half of the way, or both have.
+    /// Whether one side has moved while the encoder of the other counted nothing, or both have
+    /// moved apart by more than the line lets them.
     fn moved_apart(&mut self, reading: &Reading<'_>) -> Option<TripCause> {
         let (sample, axis) = (reading.sample, reading.axis);
-        let most = reading.entry.plausibility.disagreement_max;
+        let plausibility = &reading.entry.plausibility;
         let master = sample.master_position[axis];
         let slave = reading.slave()?;
         if !master.is_finite() || !slave.is_finite() || !reading.has(sample.master_present) {
@@ -200,12 +202,13 @@ impl AxisMonitor {
             }
         }
         let begin = *self.difference.get_or_insert(master - slave);
-        if (master - slave - begin).abs() <= most {
-            return None;
+        let stuck =
+            |side: &Side, other: f64| (other - side.other).abs() > plausibility.stuck_travel_max;
+        if stuck(&self.sides[0], slave) || stuck(&self.sides[1], master) {
+            return Some(TripCause::EncoderStuck);
         }
-        let stuck = |side: &Side, other: f64| (other - side.other).abs() > most / 2.0;
-        let any_stuck = stuck(&self.sides[0], slave) || stuck(&self.sides[1], master);
-        Some(if any_stuck { TripCause::EncoderStuck } else { TripCause::Disagreement })
+        let apart = (master - slave - begin).abs() > plausibility.disagreement_max;
+        apart.then_some(TripCause::Disagreement)
     }
 }
 

@@ -37,6 +37,7 @@ pub(crate) fn config(profile: Profile) -> Config {
         following_error_max: 0.2,
         following_error_time_s: 0.05,
         disagreement_max: 0.3,
+        stuck_travel_max: 0.15,
         saturation_time_s: 0.1,
         thermal: Some(rig::ThermalRating { continuous_v: 3.0, time_constant_s: 0.2 }),
     };

@@ -68,7 +68,7 @@ fn new_file(folder: &Path) -> anyhow::Result<tempfile::NamedTempFile> {
 fn sustained(folder: &Path) -> anyhow::Result<f64> {
     let mut file = new_file(folder)?;
     // Not all the same: some disks compress.
-    let block: Vec<u8> = (0..BLOCK).map(|at| (at * at >> 7) as u8).collect();
+    let block: Vec<u8> = (0..BLOCK).map(|at| ((at * at) >> 7) as u8).collect();
     let begun = Instant::now();
     let mut bytes = 0;
     while begun.elapsed() < MEASURED_FOR && bytes < MOST_BYTES {
@@ -114,7 +114,7 @@ pub(crate) fn examine_sync(bench: &mut Bench<'_>) -> anyhow::Result<Outcome> {
 /// Writes and syncs at a recording's rate.
 fn syncs(folder: &Path, part: usize) -> anyhow::Result<(u64, f64)> {
     let mut file = new_file(folder)?;
-    let block: Vec<u8> = (0..part).map(|at| (at * at >> 7) as u8).collect();
+    let block: Vec<u8> = (0..part).map(|at| ((at * at) >> 7) as u8).collect();
     let begun = Instant::now();
     let (mut count, mut longest_s) = (0, 0.0_f64);
     while begun.elapsed() < MEASURED_FOR {
