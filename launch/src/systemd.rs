@@ -18,7 +18,6 @@ use rustix::process::Signal;
 
 use self::show::Shown;
 use crate::identity::has_ended;
-use crate::lifecycle::Exit;
 use crate::status::{RigState, Status, StopReport, UnitState, UnitStatus, UnitStop, unix_ms};
 use crate::{Config, Error, ProcessIdentity, RunDir, Supervision, boot_id};
 
@@ -189,7 +188,7 @@ pub fn stop(rig: &str) -> Result<StopReport, Error> {
     let mut see_the_ended = |alive: &mut Vec<(String, OwnedFd)>| {
         for (name, _) in alive.extract_if(.., |(_, handle)| has_ended(handle)) {
             let took_ms = u64::try_from(asked.elapsed().as_millis()).unwrap_or(u64::MAX);
-            let exit = Some(Exit::Unknown.to_string());
+            let exit = Some("ended".to_owned());
             units.push(UnitStop { name, exit, killed: false, took_ms });
         }
     };
