@@ -157,7 +157,8 @@ fn a_rig_in_use_is_left_alone_and_recordings_have_the_report() {
     assert!(told.contains("\n  doctor 0 min old, "), "{told}");
     let whole = rig.ok(["rec", "info", second.to_str().unwrap(), "--text", "doctor_report"]);
     let whole: Value = serde_json::from_str(&whole).unwrap();
-    assert_eq!(whole, found);
+    assert_eq!(whole["taken_unix_ms"], found["taken_unix_ms"]);
+    assert_eq!(checks(&whole).len(), checks(&found).len());
     let events = rig.ok(["rec", "cat", first.to_str().unwrap(), "--topic", "event/watchdog"]);
     assert!(events.contains("nothing spoke against it"), "{events}");
     rig.down();

@@ -52,7 +52,6 @@ enum Command {
     Identify(Box<identify::Args>),
     /// Tunes the control of a rig that is up, from its own recordings
     Tune(tune::Args),
-    /// Examines this computer, and the rig if one is up, by doing what a rig does
     Doctor(doctor::Args),
     /// Redraws the thesis's figures from the models, beside the published values
     Figures(figures::Args),

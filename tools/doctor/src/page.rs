@@ -30,7 +30,7 @@ fn capital(text: &str) -> String {
 mod tests {
     use std::path::Path;
 
-    const INTRODUCTION: &str = include_str!("page.md");
+    const INTRODUCTION: &str = include_str!("page_introduction.txt");
 
     #[test]
     fn the_page_of_the_doctor_is_current() {

@@ -269,7 +269,7 @@ fn judge_encoders(moved: &[Moved]) -> Outcome {
     let mut words = Vec::new();
     let mut advice = None;
     for &Moved { axis, master, slave, drive, .. } in moved {
-        let handle = slave.map_or(FOLLOWED, |slave| slave);
+        let handle = slave.unwrap_or(FOLLOWED);
         let wrong = [
             (master < FOLLOWED, "the master does not follow: is the motor connected?"),
             (drive <= 0.0, "the motor's voltage reads back with the wrong sign: check its channel"),

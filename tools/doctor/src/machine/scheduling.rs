@@ -13,7 +13,7 @@ use rustix::time::{ClockId, clock_gettime};
 use serde::Serialize;
 
 use crate::bench::Bench;
-use crate::outcome::{Outcome, worse};
+use crate::outcome::Outcome;
 
 /// Above a process that starts, below every loop of a rig that may be up.
 const PRIORITY: i32 = HELPER_PRIORITY + 10;
@@ -118,12 +118,11 @@ fn judge(found: &Scheduling) -> Outcome {
                       quota does: run farreach outside of it, or with CPU quota off (cpu.max)";
         return Outcome::new(Verdict::Fail, text).remedy(remedy);
     }
-    let verdict = if *runtime_share < RUNTIME_SHARE { Verdict::Warn } else { Verdict::Pass };
-    let outcome = Outcome::new(worse(Verdict::Pass, verdict), text);
-    match verdict {
-        Verdict::Pass => outcome,
-        _ => outcome.remedy("sysctl kernel.sched_rt_runtime_us=950000"),
+    if *runtime_share < RUNTIME_SHARE {
+        let remedy = "sysctl kernel.sched_rt_runtime_us=950000";
+        return Outcome::new(Verdict::Warn, text).remedy(remedy);
     }
+    Outcome::new(Verdict::Pass, text)
 }
 
 #[cfg(test)]
