@@ -115,8 +115,10 @@ pub(crate) fn buffer_info(device: BorrowedFd<'_>, info: &mut BufInfo) -> Result<
 pub(crate) fn configure(device: BorrowedFd<'_>, config: Option<&mut DevConfig>) -> Result<()> {
     let opcode = number::DEVCONFIG;
     match config {
-        // SAFETY: the struct of the call, without addresses (no driver loads firmware by it).
-        Some(config) => unsafe { with_struct(device, opcode, config) }.map(drop),
+        Some(config) => {
+            // SAFETY: the struct of the call, without addresses (the kernel refuses firmware).
+            unsafe { with_struct(device, opcode, config) }.map(drop)
+        }
         None => {
             let argument = std::ptr::null_mut();
             // SAFETY: without an argument the kernel touches no memory.
