@@ -125,10 +125,10 @@ fn faults_under_power_are_recorded_and_take_the_volts_away() {
     let held = outcome(&rig, "adc_stuck@torque", &["--for", "0.05"]);
     assert_eq!(held.ended - held.begun, 100, "{held:?}");
     let invalid = outcome(&rig, "adc_invalid@torque", &[]);
-    assert_eq!(invalid.trip.as_deref(), Some("sensor invalid"), "{invalid:?}");
+    assert_eq!(invalid.trip.as_deref(), Some("sensor_invalid"), "{invalid:?}");
     assert!(invalid.to_zero.is_some_and(|ticks| ticks <= bound), "{invalid:?}");
     let jump = outcome(&rig, "encoder_jump@master", &[]);
-    assert_eq!(jump.trip.as_deref(), Some("encoder jump"), "{jump:?}");
+    assert_eq!(jump.trip.as_deref(), Some("encoder_jump"), "{jump:?}");
     assert!(jump.to_zero.is_some_and(|ticks| ticks <= bound), "{jump:?}");
 
     rig.ok(["fault", "amplifier_dead", "--axis", "handle"]);

@@ -10,70 +10,13 @@ use std::path::Path;
 use std::process::{Child, Command, Stdio};
 
 use common::monitor::{LIMIT, Monitor};
+use common::third_party::{CHILD, TARGET_RAD, third_party};
 use common::{Signal, TestRig, kill, told, wait_for};
-use ipc_types::program_flow::{Checkpoint, Flow};
-use ipc_types::{AXES, COMMAND, GateState, MotorCommand, Process, SAMPLE, TOKEN, WatchdogState};
+use ipc_types::{GateState, WatchdogState};
 use launch::UnitState;
-use runtime::{Grid, Service};
 
 /// A Python with the package iceoryx2; without it the test of that stand-in is skipped.
 const PYTHON: &str = "FARREACH_PYTHON";
-/// Name of the rig, for the child.
-const CHILD: &str = "FARREACH_THIRD_PARTY";
-/// Target position (rad), gain (V/rad) and voltage limit (V) of the third-party control.
-const TARGET_RAD: f64 = 0.6;
-const GAIN_V_PER_RAD: f64 = 12.0;
-const VOLTS_MAX: f64 = 4.0;
-
-/// The third-party control: a proportional law around one position.
-fn third_party(rig_name: &str) -> Result<(), Box<dyn std::error::Error>> {
-    let mut service = Service::start(Process::Control, rig_name)?;
-    let mut samples = service.subscriber(SAMPLE)?;
-    let mut tokens = service.subscriber(TOKEN)?;
-    let mut commands = service.publisher(COMMAND)?;
-    let own = service.identity().incarnation;
-    let profile = service.enter_loop()?;
-    println!("incarnation {own}");
-    let mut grid = Grid::of_rate(500, 200_000);
-    let (mut sample, mut token) = (None, None);
-    while !service.stopping() {
-        let Some(wake) = grid.wait() else { continue };
-        // The watchdog checks that each cycle has passed these, in this order.
-        let mut flow = Flow::default();
-        sample = samples.latest()?.or(sample);
-        flow.pass(Checkpoint::SampleTaken);
-        // This control follows no setpoints.
-        flow.pass(Checkpoint::SetpointsTaken);
-        token = tokens.latest()?.or(token);
-        flow.pass(Checkpoint::TokenTaken);
-        if let (Some(sample), Some(token)) = (&sample, &token) {
-            let powered = token.enabled == 1
-                && token.control_incarnation == own
-                && sample.epoch == token.epoch
-                && sample.gate_state == GateState::Open.code();
-            let wanted_v = GAIN_V_PER_RAD * (TARGET_RAD - sample.master_position[0]);
-            let mut volts = [0.0; AXES];
-            volts[0] = if powered { wanted_v.clamp(-VOLTS_MAX, VOLTS_MAX) } else { 0.0 };
-            flow.pass(Checkpoint::LawStepped);
-            commands.send(MotorCommand {
-                flow: flow.signature(token.sequence),
-                sample_tick: sample.tick,
-                sample_time_ns: sample.scan_time_ns,
-                computed_ns: wake.woke_ns,
-                token_sequence: token.sequence,
-                epoch: token.epoch,
-                volts,
-                axes: 1,
-                profile: profile.code(),
-                cycles_missed: grid.missed(),
-                ..MotorCommand::default()
-            })?;
-        }
-        service.beat();
-    }
-    Ok(())
-}
-
 /// The child process: this test binary, started again by the test below.
 #[test]
 #[ignore = "the third-party control's own process; the other test starts it"]
@@ -141,59 +84,6 @@ fn control_can_be_replaced_from_python_with_the_published_files_alone() {
         return;
     };
     control_is_replaced("third-party-py", |rig| StandIn::python(rig, &python));
-}
-
-#[test]
-fn a_process_is_restarted_and_replaced_by_a_command() {
-    let rig = TestRig::new("replaced");
-    rig.up_homed();
-    let monitor = Monitor::join(rig.name());
-    let pid = |name: &str| rig.launcher_status().unit(name).unwrap().process.unwrap().pid;
-    let before = pid("logger");
-    rig.ok(["restart", "logger"]);
-    assert_ne!(pid("logger"), before);
-
-    // Nothing is changed by a program that cannot be run, or of no process.
-    let before = pid("control");
-    for (arguments, said) in [
-        (&["replace", "control", "--", "no-such-program"][..], "no-such-program"),
-        (&["replace", "keeper", "--", "true"][..], "not replaced"),
-        (&["replace", "nobody", "--", "true"][..], "there are: "),
-        (&["restart", "nobody"][..], "there are: "),
-    ] {
-        let refused = rig.run(arguments.iter().copied());
-        assert!(!refused.status.success() && told(&refused).contains(said), "{}", told(&refused));
-    }
-    assert_eq!(pid("control"), before);
-
-    // While the motor is enabled its loops stay, unless a person insists.
-    monitor.power_up(&rig);
-    let refused = rig.run(["restart", "control"]);
-    assert!(!refused.status.success() && told(&refused).contains("--force"), "{}", told(&refused));
-    assert_eq!(monitor.seen().state(), Some(WatchdogState::Enabled));
-    monitor.mark();
-    rig.ok(["restart", "control", "--force"]);
-    monitor.until("a trip", |seen| seen.state() == Some(WatchdogState::Tripped));
-
-    // The same control by another way: this test binary, as the launcher starts it.
-    let own = std::env::current_exe().unwrap();
-    let own = own.to_str().unwrap();
-    let arguments = ["--exact", "third_party_process", "--ignored", "--nocapture"];
-    let command = ["env", &format!("{CHILD}={}", rig.name()), own];
-    let replaced = ["replace", "control", "--"].into_iter().chain(command).chain(arguments);
-    rig.ok(replaced);
-    let shown = told(&rig.run(["status"]));
-    assert!(shown.contains("control: REPLACED by"), "{shown}");
-    monitor.power_up(&rig);
-    monitor.until("the handle at the third-party control's target", |seen| {
-        (seen.sample.unwrap().master_position[0] - TARGET_RAD).abs() < 0.15
-    });
-    rig.ok(["replace", "control", "--undo", "--force"]);
-    let shown = told(&rig.run(["status"]));
-    assert!(!shown.contains("REPLACED"), "{shown}");
-    monitor.power_up(&rig);
-    drop(monitor);
-    rig.down();
 }
 
 /// Takes a rig's control out, puts another one in, gives it power, and takes it out again.

@@ -9,6 +9,7 @@ pub mod host;
 pub mod monitor;
 pub mod mutated;
 pub mod playing;
+pub mod third_party;
 
 use std::fs::{File, OpenOptions};
 use std::path::{Path, PathBuf};
