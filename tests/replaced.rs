@@ -1,4 +1,5 @@
-//! `farreach restart` and `farreach replace`: one process anew, or a program of others in its place.
+//! `farreach restart` and `farreach replace`: one process anew, or a program of others in place of
+//! one.
 //! In a test program of its own, since a process joins one rig only.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
