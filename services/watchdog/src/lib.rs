@@ -9,6 +9,7 @@ mod command_thread;
 pub mod interlock;
 mod logger_watch;
 mod process;
+mod since;
 mod verb_exchange;
 
 pub use process::{WatchdogError, run};
