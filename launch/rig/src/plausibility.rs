@@ -33,20 +33,6 @@ pub struct ThermalRating {
     pub time_constant_s: f64,
 }
 
-impl Default for Plausibility {
-    /// No limits.
-    fn default() -> Self {
-        Self {
-            following_error_max: f64::INFINITY,
-            following_error_time_s: 0.0,
-            disagreement_max: f64::INFINITY,
-            stuck_travel_max: f64::INFINITY,
-            saturation_time_s: f64::INFINITY,
-            thermal: None,
-        }
-    }
-}
-
 /// The defaults are shares of the range of positions, which fits any unit and machine: they find
 /// an axis that runs away or stands still, not one that is badly tuned.
 const FOLLOWING_SHARE: f64 = 0.125;

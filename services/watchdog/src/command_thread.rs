@@ -20,6 +20,7 @@ use rustix::time::Timespec;
 use crate::clock_of_day::ClockOfDay;
 use crate::doctor_gate::{DoctorGate, Passage};
 use crate::logger_watch::LoggerWatch;
+use crate::since::Since;
 use crate::verb_exchange::VerbExchange;
 
 /// Period of the thread.
@@ -81,16 +82,14 @@ impl Shared {
 #[derive(Debug, Default)]
 pub(crate) struct Heartbeat {
     cycles: u64,
-    since_ns: Option<u64>,
+    since: Since,
 }
 
 impl Heartbeat {
     /// Whether the thread has run lately; `cycles` is its counter.
     pub(crate) fn is_alive(&mut self, cycles: u64, now_ns: u64) -> bool {
-        if cycles != self.cycles {
-            (self.cycles, self.since_ns) = (cycles, Some(now_ns));
-        }
-        now_ns.saturating_sub(*self.since_ns.get_or_insert(now_ns)) <= HANG_NS
+        let ran = std::mem::replace(&mut self.cycles, cycles) != cycles;
+        self.since.elapsed_ns(ran, now_ns) <= HANG_NS
     }
 }
 

@@ -12,6 +12,7 @@ pub mod enable_output;
 pub mod interlock;
 mod logger_watch;
 mod process;
+mod since;
 mod verb_exchange;
 
 pub use process::{WatchdogError, run};

@@ -4,6 +4,8 @@ use ipc_types::Heartbeat;
 use runtime::clock::SECOND_NS;
 use runtime::{PortError, Subscriber};
 
+use crate::since::Since;
+
 /// Silence after which the logger is lost (ns): 40 of its heartbeats, so that a slow disk or a
 /// stall of the host is none.
 const LOST_NS: u64 = 2 * SECOND_NS;
@@ -11,17 +13,14 @@ const LOST_NS: u64 = 2 * SECOND_NS;
 /// When the logger was last heard.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Silence {
-    since_ns: Option<u64>,
+    since: Since,
 }
 
 impl Silence {
     /// Takes whether a heartbeat has come; returns whether the logger lives. A rig that comes up
     /// has as long as one that goes on.
     pub(crate) fn alive(&mut self, heard: bool, now_ns: u64) -> bool {
-        if heard {
-            self.since_ns = Some(now_ns);
-        }
-        now_ns.saturating_sub(*self.since_ns.get_or_insert(now_ns)) <= LOST_NS
+        self.since.elapsed_ns(heard, now_ns) <= LOST_NS
     }
 }
 

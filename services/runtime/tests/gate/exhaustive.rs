@@ -8,6 +8,7 @@
 use ipc_types::{EnableToken, GateState, MotorCommand};
 
 use crate::checked::{Act, Checked};
+use crate::walk::{Judged, depth, every_sequence};
 use crate::{ACQUISITION, CONTROL, CYCLE, MS, SESSION, WATCHDOG};
 
 /// Length of the sequences.
@@ -78,44 +79,26 @@ fn events() -> Vec<(&'static str, Act)> {
     ]
 }
 
-/// What a walk through all sequences has seen.
-#[derive(Default)]
-struct Walk {
-    sequences: u64,
-    opened: u64,
-}
+impl Judged for Checked {
+    type Event = (&'static str, Act);
 
-/// Goes through every sequence from here on; each ends with a step, so that what came last shows.
-fn explore(
-    from: &Checked,
-    events: &[(&'static str, Act)],
-    depth: usize,
-    path: &mut Vec<&'static str>,
-    walk: &mut Walk,
-) {
-    for (name, act) in events {
-        path.push(name);
-        let mut next = from.clone();
-        if let Err(what) = next.act(act) {
-            panic!("{what} after {path:?}");
-        }
-        if depth > 1 {
-            explore(&next, events, depth - 1, path, walk);
-        } else {
-            if let Err(what) = next.act(&Act::Step(CYCLE as i64)) {
-                panic!("{what} after {path:?} and a step");
-            }
-            walk.sequences += 1;
-            walk.opened += u64::from(next.state() == GateState::Open);
-        }
-        path.pop();
+    fn name(event: &Self::Event) -> String {
+        event.0.to_owned()
+    }
+
+    fn perform(&mut self, event: &Self::Event) -> Result<(), String> {
+        self.act(&event.1)
+    }
+
+    fn end(&mut self) -> Result<bool, String> {
+        self.act(&Act::Step(CYCLE as i64))?;
+        Ok(self.state() == GateState::Open)
     }
 }
 
 #[test]
 fn sr_10_every_sequence_of_events_from_a_new_and_from_an_open_gate() {
-    let depth =
-        std::env::var("FARREACH_DEPTH").ok().and_then(|depth| depth.parse().ok()).unwrap_or(DEPTH);
+    let depth = depth(DEPTH);
     let events = events();
     let new = Checked::new();
     let mut open = new.clone();
@@ -124,11 +107,9 @@ fn sr_10_every_sequence_of_events_from_a_new_and_from_an_open_gate() {
     }
     assert_eq!(open.state(), GateState::Open);
     for (name, from, opens) in [("new", new, false), ("open", open, true)] {
-        let mut walk = Walk::default();
-        explore(&from, &events, depth, &mut Vec::new(), &mut walk);
-        assert_eq!(walk.sequences, (events.len() as u64).pow(depth as u32));
-        println!("from a {name} gate: {} sequences, {} open", walk.sequences, walk.opened);
+        let walk = every_sequence(&from, &events, depth);
+        println!("from a {name} gate: {} sequences, {} open", walk.sequences, walk.powered);
         // The walk tries what it is for: from both, some sequences end with volts and most without.
-        assert!(walk.opened > 0 && walk.opened < walk.sequences / if opens { 2 } else { 10 });
+        assert!(walk.powered > 0 && walk.powered < walk.sequences / if opens { 2 } else { 10 });
     }
 }

@@ -7,6 +7,7 @@ mod commands;
 mod epochs;
 mod exhaustive;
 mod properties;
+mod walk;
 
 use ipc_types::{AXES, EnableToken, GateCause, GateState, MotorCommand, Profile};
 use runtime::gate::{Gate, GateConfig, GateOutput};

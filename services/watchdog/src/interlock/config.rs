@@ -1,7 +1,7 @@
 //! The interlock's configuration.
 
 use ipc_types::{AXES, Profile};
-use rig::{Axis, RigFile, WithoutLogger};
+use rig::{Axis, Rates, RigFile, WithoutLogger};
 use runtime::Timeouts;
 
 use super::torque_input::TorqueInput;
@@ -41,21 +41,12 @@ pub struct Config {
     pub axes: Vec<Axis>,
     /// Inputs of the torque cells, by axis.
     pub torque_inputs: [Option<TorqueInput>; AXES],
-    /// Periods of samples and commands (ns).
-    pub periods_ns: Periods,
+    /// Rates of samples and commands.
+    pub rates: Rates,
     /// Whether the rig file says who cuts the motor's power where the card does not.
     pub power_cut_otherwise: bool,
     /// What happens without a logger.
     pub without_logger: WithoutLogger,
-}
-
-/// Periods of the messages that the watchdog reads (ns).
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Periods {
-    /// Of the samples.
-    pub sample: u64,
-    /// Of the commands.
-    pub command: u64,
 }
 
 impl Config {
@@ -79,18 +70,11 @@ impl Config {
             future_ns: 1_000_000,
             axes: rig.axes.iter().take(AXES).cloned().collect(),
             torque_inputs: TorqueInput::of_rig(rig),
-            periods_ns: Periods {
-                sample: period_ns(rig.rates.acquisition_hz),
-                command: period_ns(rig.rates.control_hz),
-            },
+            rates: rig.rates,
             power_cut_otherwise: !rig.safety.power_cut_by.is_empty(),
             without_logger: rig.safety.without_logger,
         }
     }
-}
-
-fn period_ns(rate_hz: u32) -> u64 {
-    runtime::clock::SECOND_NS / u64::from(rate_hz.max(1))
 }
 
 /// Limits of an axis at a time: those of the rig file, or those of homing.

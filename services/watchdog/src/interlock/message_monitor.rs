@@ -70,7 +70,8 @@ impl SampleMonitor {
         }
         let expected = signature(ACQUISITION_CYCLE, sample.token_sequence);
         faults.insert_if(sample.flow != expected, TripCause::ProgramFlow);
-        let too_fast = self.pacing.too_fast(sample.scan_time_ns, config.periods_ns.sample);
+        let too_fast =
+            self.pacing.too_fast(sample.scan_time_ns, config.rates.acquisition_period_ns());
         faults.insert_if(too_fast, TripCause::TooFast);
         for (monitor, input) in self.torque_inputs.iter_mut().zip(&config.torque_inputs) {
             if let Some(input) = input {
@@ -154,7 +155,7 @@ impl CommandMonitor {
         }
         let expected = signature(CONTROL_CYCLE, command.token_sequence);
         faults.insert_if(command.flow != expected, TripCause::ProgramFlow);
-        let too_fast = self.pacing.too_fast(command.computed_ns, config.periods_ns.command);
+        let too_fast = self.pacing.too_fast(command.computed_ns, config.rates.control_period_ns());
         faults.insert_if(too_fast, TripCause::TooFast);
         faults.insert_if(volts_beyond(&command.volts, homed, config), TripCause::VoltageLimit);
         self.newest = Some(*command);

@@ -3,6 +3,7 @@
 use ipc_types::{AXES, Sample, TripCause};
 
 use super::faults::FaultSet;
+use crate::since::Since;
 
 /// A reading counts as at the end of its range from this share of it on.
 const RAILED: f64 = 0.995;
@@ -39,8 +40,8 @@ impl TorqueInput {
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct InputMonitor {
     volts: f64,
-    same_since_ns: Option<u64>,
-    railed_since_ns: Option<u64>,
+    same: Since,
+    railed: Since,
 }
 
 impl InputMonitor {
@@ -54,18 +55,11 @@ impl InputMonitor {
             return faults;
         };
         let now_ns = sample.scan_time_ns;
-        let for_ns = |since: &mut Option<u64>, holds: bool| {
-            if !holds {
-                *since = None;
-            }
-            let since_ns = since.get_or_insert(now_ns);
-            now_ns.saturating_sub(*since_ns)
-        };
         let railed = volts.abs() >= RAILED * input.range_v;
-        let railed_ns = for_ns(&mut self.railed_since_ns, railed);
+        let railed_ns = self.railed.elapsed_ns(!railed, now_ns);
         faults.insert_if(railed && railed_ns > RAILED_NS, TripCause::SensorRailed);
         let same = volts.to_bits() == self.volts.to_bits();
-        let same_ns = for_ns(&mut self.same_since_ns, same);
+        let same_ns = self.same.elapsed_ns(!same, now_ns);
         faults.insert_if(
             same && input.stuck_ns.is_some_and(|longest| same_ns > longest),
             TripCause::SensorStuck,

@@ -4,6 +4,7 @@
 use ipc_types::{Profile, Verb, WatchdogState};
 
 use crate::checked::{Act, Checked};
+use crate::walk::{Judged, depth, every_sequence};
 
 /// Length of the sequences.
 const DEPTH: usize = 3;
@@ -40,38 +41,26 @@ fn events() -> Vec<Act> {
     events
 }
 
-/// What a walk through all sequences has seen.
-#[derive(Default)]
-struct Walk {
-    sequences: u64,
-    enabled: u64,
-}
+impl Judged for Checked {
+    type Event = Act;
 
-/// Goes through every sequence from here on; each ends with a cycle, so that what came last shows.
-fn explore(from: &Checked, events: &[Act], depth: usize, path: &mut Vec<Act>, walk: &mut Walk) {
-    for act in events {
-        path.push(act.clone());
-        let mut next = from.clone();
-        if let Err(what) = next.act(act) {
-            panic!("{what} after {path:?}");
-        }
-        if depth > 1 {
-            explore(&next, events, depth - 1, path, walk);
-        } else {
-            if let Err(what) = next.act(&Act::Cycles(1)) {
-                panic!("{what} after {path:?} and a cycle");
-            }
-            walk.sequences += 1;
-            walk.enabled += u64::from(next.state() == WatchdogState::Enabled);
-        }
-        path.pop();
+    fn name(event: &Self::Event) -> String {
+        format!("{event:?}")
+    }
+
+    fn perform(&mut self, event: &Self::Event) -> Result<(), String> {
+        self.act(event)
+    }
+
+    fn end(&mut self) -> Result<bool, String> {
+        self.act(&Act::Cycles(1))?;
+        Ok(self.state() == WatchdogState::Enabled)
     }
 }
 
 #[test]
 fn sr_20_every_sequence_of_events_from_each_state() {
-    let depth =
-        std::env::var("FARREACH_DEPTH").ok().and_then(|depth| depth.parse().ok()).unwrap_or(DEPTH);
+    let depth = depth(DEPTH);
     let events = events();
     for (state, verbs) in [
         (WatchdogState::Faulted, &[][..]),
@@ -86,12 +75,10 @@ fn sr_20_every_sequence_of_events_from_each_state() {
         }
         from.act(&Act::Cycles(30)).unwrap();
         assert_eq!(from.state(), state);
-        let mut walk = Walk::default();
-        explore(&from, &events, depth, &mut Vec::new(), &mut walk);
-        assert_eq!(walk.sequences, (events.len() as u64).pow(depth as u32));
-        println!("from {state}: {} sequences, {} end enabled", walk.sequences, walk.enabled);
+        let walk = every_sequence(&from, &events, depth);
+        println!("from {state}: {} sequences, {} end enabled", walk.sequences, walk.powered);
         // From the states that power is three verbs away from, only the longest get there.
         let reachable = matches!(state, WatchdogState::Armed | WatchdogState::Enabled) || depth > 2;
-        assert_eq!(walk.enabled > 0, reachable, "{state}");
+        assert_eq!(walk.powered > 0, reachable, "{state}");
     }
 }

@@ -8,6 +8,8 @@ mod faults;
 mod homing;
 mod plausibility;
 mod properties;
+#[path = "../../../runtime/tests/gate/walk.rs"]
+mod walk;
 mod world;
 
 use ipc_types::{CardKind, GateState, Message, Profile, TripCause, Verb, WatchdogState};

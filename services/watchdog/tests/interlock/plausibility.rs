@@ -161,7 +161,6 @@ fn sr_34_an_output_at_its_limit_for_too_long_trips() {
         // No rating, which would act first.
         let mut without = config(Profile::Realtime);
         without.axes[0].plausibility.thermal = None;
-        without.axes[0].plausibility.saturation_time_s = 0.1;
         world.interlock = Interlock::new(without);
         power_up(&mut world);
         let found = trips(&mut world, 300, |world, cycle| {
