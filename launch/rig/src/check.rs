@@ -5,20 +5,43 @@ mod comedi;
 mod declared_model;
 mod gains;
 
-use ipc_types::CardKind;
+use ipc_types::{CardKind, Profile};
 
 use crate::channel::Channel;
 use crate::checked_toml::Source;
+use crate::comedi_card::ComediCard;
 use crate::muscles;
 use crate::rig_file::RigFile;
 use crate::scanner_line::ScannerLine;
 use crate::simulated_scanner;
+
+/// Whether some timing profile can arm the rig; for motors on a real card, the realtime profile.
+fn timeouts(rig: &RigFile, source: &Source<'_>) {
+    let real = rig.comedi.as_ref().is_some_and(ComediCard::has_outputs);
+    let (profile, advice) = match real {
+        true => (
+            Profile::Realtime,
+            "raise the rate, or move phases_us: a real card is armed in the profile realtime only",
+        ),
+        false => (
+            Profile::BestEffort,
+            "raise the rate, or move phases_us: no profile has longer timeouts, and the rig could \
+             not be armed",
+        ),
+    };
+    if let Some(missed) = rig.missed_timeout(profile) {
+        source.problem(missed.key, missed.expected(), missed.found(&rig.rates), advice);
+    }
+}
 
 /// Checks a file whose sections are each valid by themselves; stability last, as it needs the rest.
 pub(crate) fn check(rig: &RigFile, source: &Source<'_>) {
     rig.rates.check(source);
     if source.is_clean() {
         rig.phases.check(&rig.rates, source);
+    }
+    if source.is_clean() {
+        timeouts(rig, source);
     }
     Channel::check_all(&rig.channels, source);
     muscles::check(&rig.emg, &rig.channels, &rig.rates, source);

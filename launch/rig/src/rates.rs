@@ -70,6 +70,11 @@ impl Rates {
         }
     }
 
+    /// The rate of a key with its section (Hz).
+    pub(crate) fn of_key(&self, key: &str) -> u32 {
+        self.named().into_iter().find(|(name, _)| *name == key).map_or(0, |(_, rate)| rate)
+    }
+
     fn named(&self) -> [(&'static str, u32); 4] {
         [
             ("rates.acquisition_hz", self.acquisition_hz),

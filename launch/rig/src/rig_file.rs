@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use emg::{Conditioning, Electrode, Group};
-use ipc_types::{ANALOG, CardKind};
+use ipc_types::{ANALOG, CardKind, Profile};
 use plant::effects::Effect;
 use plant::reflected_dynamics::ReflectedDynamics;
 use plant::transmission_kinds::Parameters;
@@ -16,6 +16,7 @@ use crate::comedi_card::ComediCard;
 use crate::content_hash::identity;
 use crate::effect::{ModelEffect, ModelEffectError};
 use crate::error::{Problem, RigError};
+use crate::grid_ages::{MissedTimeout, missed_timeout};
 use crate::model::Model;
 use crate::muscles;
 use crate::rates::{Phases, Rates};
@@ -231,6 +232,13 @@ impl RigFile {
         let axis = self.axes.get(axis)?;
         let (gear, speed_max) = (axis.master.turns_per_handle_turn, axis.limits.speed_max);
         Some(ReflectedDynamics::new(&*self.control_parameters(axis).ok()?, gear, speed_max))
+    }
+
+    /// The first timeout of a timing profile that rates and phases cannot keep, even where no loop
+    /// is late: the rig cannot be armed in that profile, or trips when the motor has power. `None`
+    /// where all are kept.
+    pub fn missed_timeout(&self, profile: Profile) -> Option<MissedTimeout> {
+        missed_timeout(&self.rates, &self.phases, profile)
     }
 
     /// Whether every axis says how it finds the zero of its positions, as a rig must whose motors

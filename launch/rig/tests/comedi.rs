@@ -48,6 +48,22 @@ fn counters_and_corrections_of_a_real_card() {
     assert!((line.converter_v(24.01) - 10.0).abs() < 1e-12);
 }
 
+/// A real card is armed in the realtime profile only, whose timeouts are short.
+#[test]
+fn rates_that_the_realtime_profile_cannot_arm_are_refused() {
+    let slow = edited("control_hz = 500", "control_hz = 125");
+    assert_eq!(
+        RigFile::parse(&slow, "rig.toml").unwrap_err().to_string(),
+        "rig.toml:9: rates.control_hz: expected commands at the gate of at most 4.88 ms (timeouts \
+         of the profile realtime), found 7.88 ms at 125 Hz; raise the rate, or move phases_us: a \
+         real card is armed in the profile realtime only"
+    );
+    // A rig whose motors the card does not drive is never armed.
+    let text = slow.replace("output_channel = 0\n", "");
+    let problems = RigFile::parse(&text, "rig.toml").err().map(|error| error.to_string());
+    assert!(!problems.unwrap_or_default().contains("rates."));
+}
+
 #[test]
 fn a_rig_that_is_only_measured_needs_no_lines() {
     let text = edited("output_channel = 0\n", "");

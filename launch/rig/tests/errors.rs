@@ -335,3 +335,23 @@ fn end_stops_that_make_no_sense() {
     ];
     insta::assert_snapshot!(all.join("\n"));
 }
+
+/// Samples that are always older than the enable line bears: the watchdog looks right before they
+/// come.
+#[test]
+fn rates_and_phases_that_no_profile_can_arm() {
+    let text = RIG
+        .replace("acquisition_hz = 2000", "acquisition_hz = 100")
+        .replace("control_hz = 500", "control_hz = 100")
+        .replace("watchdog_hz = 1000", "watchdog_hz = 100")
+        .replace("experiment_hz = 500", "experiment_hz = 100");
+    let late = "[phases_us]\nacquisition = 9900\ncontrol = 9950\nwatchdog = 9870\n";
+    let before = text.find("[phases_us]").unwrap();
+    let after = before + 1 + text[before + 1..].find("\n[").unwrap() + 1;
+    let text = format!("{}{late}\n{}", &text[..before], &text[after..]);
+    let error = RigFile::parse(&text, "rig.toml").unwrap_err().to_string();
+    let expected = "rates.acquisition_hz: expected samples with which the enable line toggles of \
+                    at most 14.88 ms (timeouts of the profile best-effort), found 19.87 ms at 100 \
+                    Hz; raise the rate, or move phases_us: no profile has longer timeouts";
+    assert!(error.contains(expected), "{error}");
+}

@@ -19,9 +19,9 @@
 //!
 //! Passing a message again is harmless.
 
-use ipc_types::{AXES, EnableToken, GateCause, GateState, Message, MotorCommand, Profile};
-
-use crate::realtime::Timeouts;
+use ipc_types::{
+    AXES, EnableToken, GateCause, GateState, Message, MotorCommand, Profile, Timeouts,
+};
 
 /// What the gate needs to know about its rig.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -58,14 +58,15 @@ impl GateConfig {
         axes: usize,
         volts_max: [f64; AXES],
     ) -> Self {
-        let life_ns = Timeouts::of(profile).token_ns;
+        let timeouts = Timeouts::of(profile);
+        let life_ns = timeouts.token_ns;
         Self {
             session,
             acquisition_incarnation,
             token_life_ns: life_ns,
             command_life_ns: life_ns,
             max_cycle_gap_ns: life_ns,
-            max_sample_age_ns: 2 * life_ns,
+            max_sample_age_ns: timeouts.answered_sample_ns(),
             future_ns: 100_000,
             volts_max,
             axes,

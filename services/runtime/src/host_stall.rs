@@ -3,12 +3,11 @@
 
 use std::time::Duration;
 
-use ipc_types::Profile;
+use ipc_types::{Profile, Timeouts};
 use serde::{Deserialize, Serialize};
 
 use crate::bare_loop::on_every_processor;
 use crate::grid::Wake;
-use crate::realtime::Timeouts;
 
 /// How long the keeper measures at the start of a session.
 pub const MEASURED_FOR: Duration = Duration::from_secs(2);

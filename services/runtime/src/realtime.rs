@@ -10,54 +10,6 @@ use rustix::mm::{MlockAllFlags, mlockall};
 use rustix::process::{Resource, getrlimit};
 use rustix::thread::{CapabilitySet, capabilities, set_current_timer_slack, set_name};
 
-use crate::clock::MILLISECOND_NS;
-
-/// The timeouts of a timing profile: what the gate, the watchdog and the card agree on.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Timeouts {
-    /// Lifetime of a token, and of a command (ns).
-    pub token_ns: u64,
-    /// A peer that was silent for this long is lost (ns).
-    pub peer_lost_ns: u64,
-    /// The card drops the motor this long after the enable line's last toggle (ns).
-    pub enable_line_ns: u64,
-    /// The watchdog stops toggling the enable line when the newest sample is older than this (ns).
-    pub enable_line_pause_ns: u64,
-}
-
-impl Timeouts {
-    /// The timeouts of a profile. A real card arms in the realtime profile only: the longer ones
-    /// never apply to it.
-    pub const fn of(profile: Profile) -> Self {
-        match profile {
-            Profile::Realtime => Self {
-                token_ns: 5 * MILLISECOND_NS,
-                peer_lost_ns: 8 * MILLISECOND_NS,
-                enable_line_ns: 5 * MILLISECOND_NS,
-                enable_line_pause_ns: 3 * MILLISECOND_NS,
-            },
-            Profile::BestEffort => Self {
-                token_ns: 40 * MILLISECOND_NS,
-                peer_lost_ns: 60 * MILLISECOND_NS,
-                enable_line_ns: 40 * MILLISECOND_NS,
-                enable_line_pause_ns: 15 * MILLISECOND_NS,
-            },
-        }
-    }
-
-    /// A pause of the enable line that lasts this long is a trip (ns): less than the card's
-    /// timeout, so that the motor never loses power without a trip and gets it back by itself.
-    pub const fn enable_line_gap_ns(&self) -> u64 {
-        self.enable_line_ns - 1_500_000
-    }
-
-    /// Longest stall of one processor that a rig tolerates (ns). The watchdog's own stall must stay
-    /// below [`Self::enable_line_gap_ns`]; 1 ms of it goes to the period of its loop.
-    pub const fn stall_ns(&self) -> u64 {
-        self.enable_line_gap_ns() - MILLISECOND_NS
-    }
-}
-
 /// What the machine granted a loop.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Grants {

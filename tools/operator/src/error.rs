@@ -62,6 +62,17 @@ pub enum Error {
         /// Its own.
         found: String,
     },
+    /// The rates cannot keep the timeouts of the profile that the rig is to have.
+    #[error(
+        "{file}: {missed}; raise the rate, or bring a simulated card up in the profile best-effort \
+         (--profile best-effort)"
+    )]
+    TooSlow {
+        /// The rig file.
+        file: String,
+        /// What they miss.
+        missed: rig::MissedTimeout,
+    },
     /// The rig file differs from that of the running rig in what cannot change while it is up.
     #[error(
         "{file}: differs in `{part}` from the file with which the rig was brought up, and only \

@@ -151,11 +151,12 @@ impl Prepared {
             simulator::Card::new(machine.as_ref().unwrap_or(&rig), &options.effects, line_ns)?;
         }
         let _checked = card.open(&rig)?;
+        let profile = profile_of(options, card.kind, &rig)?;
         options.rig_name.make_directory()?;
         let run_dir = options.rig_name.run_directory();
         make_private(&run_dir)?;
         let rig_file = keep_copy(&run_dir, &options.rig, &rig)?;
-        let mut config = config_of(options, card, &run_dir, &rig_file)?;
+        let mut config = config_of(options, card, profile, &run_dir, &rig_file)?;
         let machine = match (&options.machine, &machine) {
             (Some(asked), Some(machine)) => absolute(&keep_copy(&run_dir, asked, machine)?)?,
             _ => String::new(),
@@ -174,6 +175,26 @@ impl Prepared {
     }
 }
 
+/// The profile that was asked for, or the one that the rates need; `None` where the keeper is to
+/// choose by the stalls of the host.
+fn profile_of(
+    options: &UpOptions,
+    card: CardKind,
+    rig: &RigFile,
+) -> Result<Option<Profile>, Error> {
+    let chosen = options.profile.or_else(realtime::chosen_profile);
+    // A rig without outputs is armed in no profile.
+    let missed = rig.missed_timeout(Profile::Realtime);
+    let Some(missed) = missed.filter(|_| card.capabilities().accepts_output) else {
+        return Ok(chosen);
+    };
+    let file = rig.file_name().to_owned();
+    if card.capabilities().real || chosen == Some(Profile::Realtime) {
+        return Err(Error::TooSlow { file, missed });
+    }
+    Ok(Some(Profile::BestEffort))
+}
+
 fn make_private(run_dir: &Path) -> Result<(), Error> {
     use std::os::unix::fs::DirBuilderExt;
     std::fs::DirBuilder::new().recursive(true).mode(0o700).create(run_dir).map_err(|source| {
@@ -184,12 +205,12 @@ fn make_private(run_dir: &Path) -> Result<(), Error> {
 fn config_of(
     options: &UpOptions,
     card: &CardOptions,
+    profile: Option<Profile>,
     run_dir: &Path,
     rig_file: &Path,
 ) -> Result<Config, Error> {
     // Every variable is set, if only to nothing: those of the caller's shell must not get in.
     let path = |path: &Option<PathBuf>| path.as_deref().map_or_else(|| Ok(String::new()), absolute);
-    let chosen = options.profile.or_else(realtime::chosen_profile);
     let placed = if options.placement || placement_is_on() { "on" } else { "off" };
     let variables = [
         (RIG, absolute(rig_file)?),
@@ -202,7 +223,7 @@ fn config_of(
         (LEARNT.variable, LEARNT.path_text()?),
         (DOCTOR.variable, DOCTOR.path_text()?),
         (PLACEMENT_VARIABLE, placed.to_owned()),
-        (PROFILE_VARIABLE, chosen.map_or_else(String::new, |it| it.text().to_owned())),
+        (PROFILE_VARIABLE, profile.map_or_else(String::new, |it| it.text().to_owned())),
     ];
     let console = options.console.and_then(|_| Process::Console.entry());
     let monitor = options.monitor.then(|| Process::Monitor.entry()).flatten();
@@ -268,11 +289,35 @@ mod tests {
     }
 
     #[test]
+    fn rates_that_are_too_low_for_the_realtime_profile_need_the_other() {
+        let rig = rig::load_rig(Path::new("hydrostatic")).unwrap();
+        let mut slow = rig.clone();
+        slow.rates.control_hz = 125;
+        let of = |profile, kind, rig: &RigFile| {
+            let options = UpOptions { profile, ..options(Some(CardOptions::of(kind))) };
+            profile_of(&options, kind, rig).map_err(|error| error.to_string())
+        };
+        let (realtime, simulated) = (Some(Profile::Realtime), CardKind::Simulated);
+        assert_eq!(of(realtime, simulated, &rig), Ok(realtime));
+        assert_eq!(of(None, CardKind::Null, &slow), of(None, CardKind::Null, &rig));
+        assert_eq!(of(Some(Profile::BestEffort), simulated, &slow), Ok(Some(Profile::BestEffort)));
+        let refused = "rates.control_hz is too low for the profile realtime: commands at the gate \
+                       of at most 4.88 ms, found 7.88 ms; raise the rate, or bring a simulated \
+                       card up in the profile best-effort (--profile best-effort)";
+        let refused = format!("{}: {refused}", slow.file_name());
+        assert_eq!(of(realtime, simulated, &slow), Err(refused.clone()));
+        assert_eq!(of(None, CardKind::Comedi, &slow), Err(refused));
+    }
+
+    #[test]
     fn the_environment_is_whole_and_absolute() {
         let card = replay("record.csv");
         let options = options(Some(card.clone()));
-        let config =
-            config_of(&options, &card, Path::new("/run"), Path::new("/run/rig.toml")).unwrap();
+        let config_of = |options: &UpOptions| {
+            let (run, rig) = (Path::new("/run"), Path::new("/run/rig.toml"));
+            config_of(options, &card, Some(Profile::BestEffort), run, rig).unwrap()
+        };
+        let config = config_of(&options);
         assert!(config.units.iter().all(|unit| unit.name != "simulator"));
         let here = std::env::current_dir().unwrap();
         assert_eq!(
@@ -285,8 +330,7 @@ mod tests {
         assert_eq!(config.environment["FARREACH_CONSOLE"], "");
         assert!(config.units.iter().all(|unit| unit.name != "console"));
         let options = UpOptions { console: Some("127.0.0.1:8321".parse().unwrap()), ..options };
-        let config =
-            config_of(&options, &card, Path::new("/run"), Path::new("/run/rig.toml")).unwrap();
+        let config = config_of(&options);
         assert_eq!(config.environment["FARREACH_CONSOLE"], "127.0.0.1:8321");
         assert!(config.units.iter().any(|unit| unit.name == "console"));
         assert_eq!(config.environment["FARREACH_PROFILE"], "best-effort");

@@ -66,9 +66,12 @@ pub(crate) fn rig(text: &str) -> RigFile {
     RigFile::parse(text, "guest.toml").unwrap()
 }
 
+fn open(rig: &RigFile) -> Result<CheckedComedi, ComediError> {
+    CheckedComedi::open(rig, rig.comedi.as_ref().unwrap())
+}
+
 pub(crate) fn checked(text: &str) -> Result<CheckedComedi, ComediError> {
-    let rig = rig(text);
-    CheckedComedi::open(&rig, rig.comedi.as_ref().unwrap())
+    open(&rig(text))
 }
 
 pub(crate) fn start(text: &str, directory: Option<&Path>) -> ComediDaq {
@@ -107,15 +110,16 @@ impl Encoders {
 
 /// The card on the bench, which waits for the card's own clock.
 pub(crate) struct ComediBench {
-    text: String,
+    rig: RigFile,
     period: Duration,
     daq: Option<ComediDaq>,
 }
 
 impl ComediBench {
-    pub(crate) fn new(text: &str) -> Self {
-        let period = Duration::from_nanos(rig(text).rates.acquisition_period_ns());
-        Self { text: text.to_owned(), period, daq: Some(start(text, None)) }
+    pub(crate) fn new(rig: RigFile) -> Self {
+        let period = Duration::from_nanos(rig.rates.acquisition_period_ns());
+        let daq = open(&rig).unwrap().start(None).unwrap();
+        Self { rig, period, daq: Some(daq) }
     }
 }
 
@@ -123,7 +127,7 @@ impl Bench for ComediBench {
     fn reset(&mut self) {
         // Two at once are refused.
         self.daq = None;
-        self.daq = Some(start(&self.text, None));
+        self.daq = Some(open(&self.rig).unwrap().start(None).unwrap());
     }
 
     fn advance(&mut self, ticks: u64) {

@@ -1,8 +1,7 @@
 //! The interlock's configuration.
 
-use ipc_types::{AXES, Profile};
+use ipc_types::{AXES, Profile, Timeouts};
 use rig::{Axis, Rates, RigFile, WithoutLogger};
-use runtime::Timeouts;
 
 use super::torque_input::TorqueInput;
 
@@ -32,7 +31,7 @@ pub struct Config {
     pub echo_lost_ns: u64,
     /// How long a momentary fault (a backward step, an encoder jump) counts as active (ns).
     pub hold_ns: u64,
-    /// Window over which speed is estimated (ns).
+    /// Window over which speed is estimated (ns); `speed_window_ns`.
     pub speed_window_ns: u64,
     /// How far ahead of our clock a message's time may be (ns).
     pub future_ns: u64,
@@ -63,10 +62,10 @@ impl Config {
             peer_lost_ns,
             enable_line_pause_ns,
             enable_line_gap_ns: timeouts.enable_line_gap_ns(),
-            gate_open_ns: peer_lost_ns * 5 / 2,
-            echo_lost_ns: token_life_ns + peer_lost_ns,
+            gate_open_ns: timeouts.gate_open_ns(),
+            echo_lost_ns: timeouts.echo_lost_ns(),
             hold_ns: 2 * peer_lost_ns,
-            speed_window_ns: 8_000_000,
+            speed_window_ns: speed_window_ns(&rig.rates),
             future_ns: 1_000_000,
             axes: rig.axes.iter().take(AXES).cloned().collect(),
             torque_inputs: TorqueInput::of_rig(rig),
@@ -75,6 +74,12 @@ impl Config {
             without_logger: rig.safety.without_logger,
         }
     }
+}
+
+/// Window over which speed is estimated (ns): 8 ms, or two periods and a half of acquisition where
+/// that is longer, so that two samples within it are always half a window apart or more.
+fn speed_window_ns(rates: &Rates) -> u64 {
+    (rates.acquisition_period_ns() * 5 / 2).max(8_000_000)
 }
 
 /// Limits of an axis at a time: those of the rig file, or those of homing.

@@ -29,6 +29,7 @@ pub const ACQUISITION: u64 = 11;
 pub const CONTROL: u64 = 12;
 pub const WATCHDOG: u64 = 13;
 pub const EXPERIMENT: u64 = 14;
+/// The profile of a rig, unless a test wants another.
 pub const PROFILE: Profile = Profile::Realtime;
 
 /// One cycle of control as it was: what it saw, and what it answered.
@@ -41,6 +42,7 @@ pub struct Cycle {
 
 /// The processes of one rig, without what is between them.
 pub struct Rig {
+    profile: Profile,
     pub card: Card,
     pub homing: Homing,
     orders: Vec<HomeOrder>,
@@ -76,23 +78,28 @@ pub struct Rig {
 
 impl Rig {
     pub fn new(rig: &RigFile, protocol: &str) -> Self {
+        Self::of_profile(rig, protocol, PROFILE)
+    }
+
+    pub fn of_profile(rig: &RigFile, protocol: &str, profile: Profile) -> Self {
         let protocol = Protocol::parse(protocol, "protocol.toml").unwrap();
         let volts_max = |axis: usize| rig.axes.get(axis).map_or(0.0, |axis| axis.limits.volts_max);
         let bits = (1u8 << rig.axes.len()) - 1;
         Self {
-            card: Card::new(rig, &[], Timeouts::of(PROFILE).enable_line_ns).unwrap(),
+            profile,
+            card: Card::new(rig, &[], Timeouts::of(profile).enable_line_ns).unwrap(),
             homing: Homing::absolute(rig),
             orders: Vec::new(),
             converter: Converter::new(rig),
             gate: Gate::new(GateConfig::for_profile(
-                PROFILE,
+                profile,
                 SESSION,
                 ACQUISITION,
                 rig.axes.len(),
                 std::array::from_fn(volts_max),
             )),
             law: Law::new(LawConfig::of_rig(rig)),
-            machine: Interlock::new(Config::for_profile(PROFILE, SESSION, WATCHDOG, rig)),
+            machine: Interlock::new(Config::for_profile(profile, SESSION, WATCHDOG, rig)),
             player: Player::default(),
             program: Arc::new(Program::new(&protocol, rig).unwrap()),
             validation: SetpointValidation::of_rig(SESSION, rig),
@@ -169,7 +176,7 @@ impl Rig {
                 gate_state: output.state.code(),
                 gate_cause: output.cause.code(),
                 backend: ipc_types::CardKind::Simulated.code(),
-                profile: PROFILE.code(),
+                profile: self.profile.code(),
                 ..self.converter.convert(&scan, self.homing.zeros())
             };
             self.watched_samples.push(sample);
@@ -203,7 +210,7 @@ impl Rig {
             token_sequence,
             flow: signature(CONTROL_CYCLE, token_sequence),
             epoch: token.map_or(0, |token| token.epoch),
-            profile: PROFILE.code(),
+            profile: self.profile.code(),
             ..command
         };
         self.commands.push(command);
@@ -293,7 +300,8 @@ impl Timeline {
         let ratio = rig.rates.control_period_ns() / rig.rates.acquisition_period_ns();
         // A clock that has been running for hours, and a card that comes up so that control's grid
         // hits its third scan.
-        let first = (20_000_000 / 12) * 12 + 12 * ratio - BEFORE_CONTROL;
+        let hours = (20_000_000 / 12) * 12;
+        let first = hours - hours % ratio + 12 * ratio - BEFORE_CONTROL;
         Self { rates: rig.rates, phases: rig.phases, first, begun: false }
     }
 
@@ -309,10 +317,9 @@ impl Timeline {
             (self.rates.watchdog_period_ns(), self.phases.watchdog_ns, 3),
             (self.rates.experiment_period_ns(), self.phases.experiment_ns, 4),
         ] {
-            let within = (start % period, start % period + card);
-            if (within.0..within.1).contains(&(phase % period)) {
-                due.push((phase - within.0, who));
-            }
+            // A loop that is faster than the card wakes several times.
+            let after = (phase + period - start % period) % period;
+            due.extend((after..card).step_by(period as usize).map(|after| (after, who)));
         }
         due.sort_unstable();
         for (after, who) in due {

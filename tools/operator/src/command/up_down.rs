@@ -161,10 +161,11 @@ fn print_up(
     };
     writeln!(out, "  next       farreach{option} {next}")?;
     if up.profile == Profile::BestEffort {
+        let too_slow = up.rig.missed_timeout(Profile::Realtime).map(|it| format!("because {it}"));
         let why = match up.host_stall {
             Some(stall) if stall.fifo => CHOSEN_BY_STALLS,
             None if chosen == Some(Profile::BestEffort) => CHOSEN_BY_PERSON,
-            _ => NOT_GRANTED,
+            _ => too_slow.as_deref().unwrap_or(NOT_GRANTED),
         };
         eprintln!("profile best-effort {why}: {BEST_EFFORT_COSTS}");
     }
