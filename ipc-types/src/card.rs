@@ -9,6 +9,13 @@ pub const CARD_FIFO: usize = 512;
 /// answer.
 pub const ABSENT_COUNT: i64 = i64::MIN;
 
+/// Whether the simulated card filled a scan in: it was not run in time, and simulated the tick a
+/// period of the grid or more after it. Takes the time of publishing, that of the scan, and the
+/// period (ns).
+pub const fn is_filled_in(time_ns: u64, scan_time_ns: u64, period_ns: u64) -> bool {
+    time_ns.saturating_sub(scan_time_ns) >= period_ns
+}
+
 codes! {
     /// The card behind acquisition. Its name is the value of `--card`.
     CardKind {

@@ -7,7 +7,7 @@ use crate::{ANALOG, AXES, MATRIX, TABLES, TEXT};
 
 messages! {
     /// One scan of the card, converted, with what the gate wrote: the rig's main signal.
-    Sample v4 {
+    Sample v5 {
         /// tick of the acquisition grid at which the card took the scan (monotonic ns / period)
         tick: u64,
         /// when the card took the scan [ns, CLOCK_MONOTONIC]
@@ -83,8 +83,9 @@ messages! {
         motor_power: u8,
         /// axes whose positions are absolute, one bit each
         homed: u8,
-        /// none
-        reserved: u8,
+        /// 1 if the simulated card filled the scan in: it had not been run in time, and simulated
+        /// this tick a period or more after scan_time_ns; 0 for every other card
+        filled_in: u8,
     }
 
     /// Volts for the motors, from control.
@@ -176,7 +177,8 @@ messages! {
     }
 
     /// One scan from the simulated card's FIFO, from card to acquisition; recorded as evidence of
-    /// what the motor really got.
+    /// what the motor really got. Where the time of publishing is a period or more after
+    /// scan_time_ns, the card had not been run in time, and filled the scan in.
     CardScan v2 {
         /// tick of the acquisition grid
         tick: u64,

@@ -34,6 +34,7 @@ impl Converter {
             axes: self.axes.len() as u8,
             motor_present: scan.present.motor,
             motor_power: u8::from(scan.motor_power),
+            filled_in: u8::from(scan.filled_in),
             master_zero: zeros.master,
             slave_zero: zeros.slave,
             homed: zeros.homed,

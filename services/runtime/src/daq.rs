@@ -32,6 +32,8 @@ pub struct Scan {
     pub present: Present,
     /// Whether the card reports the motor power on.
     pub motor_power: bool,
+    /// Whether the simulated card filled it in, late ([`ipc_types::is_filled_in`]).
+    pub filled_in: bool,
     /// Which power-up of the card its counts began with: another number, and the encoders may have
     /// moved unseen.
     pub power_up: u64,

@@ -184,9 +184,31 @@ pub(crate) fn verify(file: &Path, json: bool, out: &mut dyn Write) -> anyhow::Re
             0 => String::new(),
             many => format!(", {} not ascending", grouped(many)),
         };
-        writeln!(out, "  sample: ticks {} to {}, {missing}{backwards}", ticks.first, ticks.last)?;
+        let filled_in = filled_in(&check);
+        writeln!(
+            out,
+            "  sample: ticks {} to {}, {missing}{backwards}{filled_in}",
+            ticks.first, ticks.last
+        )?;
     }
     Ok(if lost { DATA_LOST } else { DONE })
+}
+
+/// What the simulated card took too late: such ticks are not missing, and were not in time.
+fn filled_in(check: &Check) -> String {
+    match check.filled_in {
+        None if check.simulated => {
+            ", but not whether the simulated card filled some in late (an older build)".to_owned()
+        }
+        None => String::new(),
+        Some(found) if found.ticks == 0 => ", none filled in late".to_owned(),
+        Some(found) => format!(
+            ", {} filled in late by the simulated card, the longest stretch {} ticks ({:.1} ms)",
+            grouped(found.ticks),
+            grouped(found.longest),
+            found.longest_ns as f64 * 1e-6
+        ),
+    }
 }
 
 fn places(number: u64) -> String {
@@ -237,6 +259,8 @@ fn as_json(recording: &Recording, check: &Check) -> Value {
         "tail": {"lost_bytes": recording.tail.lost, "reason": recording.tail.reason},
         "damage": check.damage,
         "ticks": check.ticks,
+        "simulated_card": check.simulated,
+        "filled_in": check.filled_in,
         "topics": topics,
         "metadata": metadata,
         "began_ns": check.origin_ns,

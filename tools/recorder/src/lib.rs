@@ -18,13 +18,13 @@
 //!
 //! $ farreach rec verify run.mcap
 //! run.mcap: nothing lost: 2,500 messages, 2 topics with data, every checksum right
-//!   sample: ticks 1000 to 2999, none missing
+//!   sample: ticks 1000 to 2999, none missing, none filled in late
 //!
 //! $ farreach rec verify killed.mcap ; echo $?
 //! killed.mcap: DATA LOST
 //!   the file ends without a footer: the writer was stopped before it could end it
 //!   (0 bytes unreadable)
-//!   sample: ticks 1000 to 2800, none missing
+//!   sample: ticks 1000 to 2800, none missing, none filled in late
 //! 3
 //!
 //! $ farreach rec recover killed.mcap -o recovered.mcap ; echo $?

@@ -73,7 +73,7 @@ fn info_and_verify_of_a_sound_recording() {
     let (code, text) = rec(&["verify", &dir.text("run.mcap")]);
     assert_eq!(code, DONE, "{text}");
     assert!(text.contains("nothing lost: 2,500 messages"), "{text}");
-    assert!(text.contains("ticks 1000 to 2999, none missing"), "{text}");
+    assert!(text.contains("ticks 1000 to 2999, none missing, none filled in late"), "{text}");
     let (_, text) = rec(&["info", &dir.text("run.mcap"), "--json"]);
     let value: serde_json::Value = serde_json::from_str(&text).unwrap();
     assert_eq!(value["data_lost"], false);

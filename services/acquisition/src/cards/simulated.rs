@@ -1,6 +1,8 @@
 //! The simulated card, over shared memory.
 
-use ipc_types::{AXES, CARD_FIFO, CARD_OUTPUT, CARD_SCAN, CardKind, CardOutput, CardScan};
+use ipc_types::{
+    AXES, CARD_FIFO, CARD_OUTPUT, CARD_SCAN, CardKind, CardOutput, CardScan, is_filled_in,
+};
 use rig::RigFile;
 use runtime::daq::{Daq, DaqError, Present, Scan};
 use runtime::{Losses, PortError, Publisher, Service, Subscriber};
@@ -12,6 +14,7 @@ pub struct SimulatedDaq {
     scans: Subscriber<CardScan>,
     outputs: Publisher<CardOutput>,
     present: Present,
+    period_ns: u64,
     batch: Vec<CardScan>,
     converted: Vec<Scan>,
     last_tick: Option<u64>,
@@ -32,6 +35,7 @@ impl SimulatedDaq {
                 motor: rig.axis_bits(|_| true),
                 analog: rig.channel_bits(),
             },
+            period_ns: rig.rates.acquisition_period_ns(),
             batch: Vec::with_capacity(2 * CARD_FIFO),
             converted: Vec::with_capacity(2 * CARD_FIFO),
             last_tick: None,
@@ -72,7 +76,8 @@ impl Daq for SimulatedDaq {
                 self.missed += scan.tick - last - 1;
             }
             self.last_tick = Some(scan.tick);
-            self.converted.push(Scan::of_card(scan, self.present));
+            let filled_in = is_filled_in(scan.time_ns, scan.scan_time_ns, self.period_ns);
+            self.converted.push(Scan { filled_in, ..Scan::of_card(scan, self.present) });
         }
         Ok(&self.converted)
     }

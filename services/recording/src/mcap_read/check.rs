@@ -4,7 +4,8 @@ use std::collections::BTreeMap;
 
 use ipc_types::{Arrival, SAMPLE, SequenceTracker};
 
-use super::{Damage, ReadError, Recording, Selection};
+use super::filled_in::FilledInFollower;
+use super::{Damage, FilledIn, ReadError, Recording, Selection};
 use crate::mcap_write::END_RECORD;
 
 /// The result for one topic.
@@ -71,6 +72,11 @@ pub struct Check {
     pub damage: Vec<Damage>,
     /// The acquisition grid; `None` without samples.
     pub ticks: Option<Ticks>,
+    /// Whether the scans are those of the simulated card.
+    pub simulated: bool,
+    /// Scans that the simulated card filled in late; `None` where there was none, or the recording,
+    /// of an older build, does not tell.
+    pub filled_in: Option<FilledIn>,
     /// Whether footer and end mark are in place.
     pub complete: bool,
     /// See [`super::Tail::being_written`].
@@ -156,6 +162,7 @@ impl Recording {
         let began_ns = self.began_ns().unwrap_or(0);
         let mut origin_ns: Option<u64> = None;
         let mut ticks: Option<Ticks> = None;
+        let mut filled_in = FilledInFollower::default();
         for message in self.raw(Selection::default()) {
             let message = match message {
                 Ok(message) => message,
@@ -184,6 +191,7 @@ impl Recording {
                     let incarnation = read("incarnation").unwrap_or(0);
                     let sequence = read("sequence").unwrap_or(header_sequence);
                     follow.count(time_ns, incarnation, sequence);
+                    filled_in.take(&channel.topic, layout, body);
                     if channel.topic == SAMPLE.topic.name
                         && let Some(tick) = read("tick")
                     {
@@ -208,6 +216,8 @@ impl Recording {
             topics,
             damage,
             ticks,
+            simulated: filled_in.simulated(),
+            filled_in: filled_in.found(),
             complete: self.tail.complete,
             being_written: self.tail.being_written,
             ended_cleanly: self.start_record().is_none() || self.ended_cleanly(),

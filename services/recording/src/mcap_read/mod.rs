@@ -29,6 +29,7 @@
 
 mod block;
 mod check;
+mod filled_in;
 mod iterate;
 mod scan;
 mod sequence_positions;
@@ -42,6 +43,7 @@ use std::path::{Path, PathBuf};
 
 pub use block::RawMessage;
 pub use check::{Check, Ticks, TopicCheck};
+pub use filled_in::FilledIn;
 pub use iterate::{Messages, RawMessages, Recorded, Selection};
 pub use sorted::Sorted;
 
