@@ -398,7 +398,7 @@ fn kept_state(directory: &Path, session: u64) -> Result<Option<StartRequest>, St
 /// before the next part cannot be counted.
 fn end_positions(state: &StartRequest) -> Positions {
     let path = recording::part_path(&state.path, state.part);
-    Recording::open(&path).and_then(|part| part.end_positions()).unwrap_or_else(|error| {
+    Recording::open_damaged(&path).and_then(|part| part.end_positions()).unwrap_or_else(|error| {
         eprintln!("farreach logger: losses over the restart cannot be counted: {error}");
         Positions::new()
     })

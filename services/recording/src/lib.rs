@@ -15,6 +15,7 @@ pub mod mcap_read;
 pub mod mcap_write;
 mod parts;
 pub mod record;
+mod record_checksum;
 pub mod schema;
 
 pub use parts::{part_path, parts_of};

@@ -10,6 +10,7 @@ use mcap::write::NoSeek;
 
 use crate::mcap_read::{RawMessage, ReadError, Recording, Selection, Sorted};
 use crate::mcap_write::{CONTINUES_RECORD, key, write_options};
+use crate::record_checksum::sealed;
 
 /// Name of the metadata record that says how a file was made.
 pub const EDIT_RECORD: &str = "farreach.edit";
@@ -160,8 +161,7 @@ impl Copy<'_> {
         ] {
             metadata.insert(name.to_owned(), count.to_string());
         }
-        let record = Metadata { name: EDIT_RECORD.to_owned(), metadata };
-        writer.write_metadata(&record).map_err(failed)?;
+        writer.write_metadata(&sealed(EDIT_RECORD, metadata)).map_err(failed)?;
         writer.finish().map_err(failed)?;
         let io = |source: io::Error| failed(mcap::McapError::Io(source));
         let mut output = writer.into_inner().into_inner();

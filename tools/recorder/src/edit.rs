@@ -17,10 +17,14 @@ pub(crate) fn recover(
     json: bool,
     out: &mut dyn Write,
 ) -> anyhow::Result<i32> {
-    let recording = Recording::open(file)?;
+    let recording = Recording::open_damaged(file)?;
     let report = rewrite(&[&recording], None, None, &how("recover", &[file]), to)?;
     report_edit(&report, to, json, true, out)?;
-    Ok(if report.damaged_chunks == 0 { exit_code_of_tail(&recording) } else { DATA_LOST })
+    for damage in &recording.damage {
+        eprintln!("{}: damaged at byte {}: {}", file.display(), damage.offset, damage.what);
+    }
+    let sound = report.damaged_chunks == 0 && recording.damage.is_empty();
+    Ok(if sound { exit_code_of_tail(&recording) } else { DATA_LOST })
 }
 
 pub(crate) fn cut(

@@ -8,7 +8,7 @@ use std::time::{Duration, UNIX_EPOCH};
 use anyhow::bail;
 use ipc_types::{ANALOG, AXES};
 use recording::mcap_read::{Check, Recording, TopicCheck};
-use recording::mcap_write::key;
+use recording::mcap_write::{DAMAGED_RECORD, key};
 use serde_json::{Value, json};
 
 use crate::monitored::Monitored;
@@ -16,14 +16,26 @@ use crate::{DATA_LOST, DONE};
 
 /// Prints one entry of the metadata: of the recording, or of a protocol that was played.
 pub(crate) fn text(file: &Path, key: &str, out: &mut dyn Write) -> anyhow::Result<i32> {
-    let recording = Recording::open(file)?;
-    let records = || recording.metadata_records.iter().map(|(_, entries)| entries);
-    let Some(text) = records().find_map(|entries| entries.get(key)) else {
-        let keys: BTreeSet<&str> = records().flatten().map(|(key, _)| key.as_str()).collect();
+    let recording = Recording::open_damaged(file)?;
+    let records = || recording.metadata_records.iter();
+    let sound = records().filter(|(name, _)| name != DAMAGED_RECORD);
+    let damaged = records().filter(|(name, _)| name == DAMAGED_RECORD);
+    let found = sound.chain(damaged).find_map(|(name, entries)| Some((name, entries.get(key)?)));
+    let Some((name, text)) = found else {
+        let keys: BTreeSet<&str> =
+            records().flat_map(|(_, entries)| entries).map(|(key, _)| key.as_str()).collect();
         let keys = Vec::from_iter(keys);
         bail!("{}: no metadata `{key}`; it has {}", file.display(), keys.join(", "));
     };
     write!(out, "{text}{}", if text.ends_with('\n') { "" } else { "\n" })?;
+    if name == DAMAGED_RECORD {
+        let file = file.display();
+        eprintln!(
+            "{file}: DAMAGED: the checksum of the record with `{key}` is wrong; read it, but \
+                   do not use it as it is"
+        );
+        return Ok(DATA_LOST);
+    }
     Ok(DONE)
 }
 
@@ -41,7 +53,7 @@ pub(crate) fn grouped(number: u64) -> String {
 }
 
 pub(crate) fn info(file: &Path, json: bool, out: &mut dyn Write) -> anyhow::Result<i32> {
-    let recording = Recording::open(file)?;
+    let recording = Recording::open_damaged(file)?;
     let check = recording.check()?;
     let monitored = Monitored::read(&recording)?;
     if json {
@@ -63,7 +75,14 @@ pub(crate) fn info(file: &Path, json: bool, out: &mut dyn Write) -> anyhow::Resu
         writeln!(out, "  from {began}, {:.3} s", last.saturating_sub(origin) as f64 * 1e-9)?;
     }
     about(&recording, out)?;
-    if check.complete && check.ended_cleanly {
+    if !recording.start_is_guarded() {
+        writeln!(
+            out,
+            "  rig file without a checksum of its own (an older build): `rec verify` alone notices \
+             a bit of it that has changed"
+        )?;
+    }
+    if check.complete && check.ended_cleanly && check.damage.is_empty() {
         writeln!(out, "  ended cleanly")?;
     } else {
         losses(&recording, &check, out)?;
@@ -135,7 +154,7 @@ fn about(recording: &Recording, out: &mut dyn Write) -> std::io::Result<()> {
 }
 
 pub(crate) fn verify(file: &Path, json: bool, out: &mut dyn Write) -> anyhow::Result<i32> {
-    let recording = Recording::open(file)?;
+    let recording = Recording::open_damaged(file)?;
     let check = recording.check()?;
     let lost = check.data_lost();
     if json {
@@ -253,6 +272,7 @@ fn as_json(recording: &Recording, check: &Check) -> Value {
         "bytes": recording.bytes,
         "chunks": recording.blocks(),
         "library": recording.library,
+        "start_is_guarded": recording.start_is_guarded(),
         "data_lost": check.data_lost(),
         "complete": check.complete,
         "ended_cleanly": check.ended_cleanly,

@@ -94,6 +94,19 @@ pub enum ReadError {
         /// The library's error.
         source: Box<mcap::McapError>,
     },
+    /// A metadata record is damaged, in which rig file or protocol stand.
+    #[error(
+        "{path}: metadata record {} at byte {}: expected checksum {}, found {}: rig file or \
+         protocol in it may not be those that were recorded; take another copy of the file, or \
+         keep the rest with `farreach rec recover` and name the rig file yourself",
+        .damaged.record, .damaged.offset, .damaged.expected, .damaged.found
+    )]
+    Metadata {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        damaged: DamagedMetadata,
+    },
     /// No such topic in this file.
     #[error("{path}: no topic `{topic}`; it has {available}")]
     NoTopic {
@@ -159,6 +172,19 @@ pub struct Damage {
     pub what: String,
 }
 
+/// A metadata record that is not as it was written.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct DamagedMetadata {
+    /// Where it begins (bytes).
+    pub offset: u64,
+    /// Its name.
+    pub record: String,
+    /// The checksum that stands in it.
+    pub expected: String,
+    /// The checksum of its content.
+    pub found: String,
+}
+
 /// An open recording.
 #[derive(Debug)]
 pub struct Recording {
@@ -177,6 +203,7 @@ pub struct Recording {
     pub attachments: u64,
     /// Records that were found unreadable when the file was opened (chunks are looked into later).
     pub damage: Vec<Damage>,
+    damaged_metadata: Option<DamagedMetadata>,
     data_end: Option<summary::DataEnd>,
     /// How the file ends.
     pub tail: Tail,
@@ -186,10 +213,31 @@ impl Recording {
     /// Opens a recording and finds its records.
     ///
     /// # Errors
-    /// [`ReadError::Io`], [`ReadError::Empty`], [`ReadError::NotMcap`]. A torn or damaged file is
-    /// no error: see [`Self::tail`] and [`Self::damage`].
+    /// [`ReadError::Io`], [`ReadError::Empty`], [`ReadError::NotMcap`], and
+    /// [`ReadError::Metadata`] where rig file or protocol may be damaged. A torn file and damaged
+    /// messages are no error: see [`Self::tail`] and [`Self::damage`].
     pub fn open(path: &Path) -> Result<Self, ReadError> {
+        let recording = Self::open_damaged(path)?;
+        match recording.damaged_metadata {
+            Some(damaged) => Err(ReadError::Metadata { path: recording.path, damaged }),
+            None => Ok(recording),
+        }
+    }
+
+    /// As [`Self::open`], also with damaged metadata, for what inspects or mends a recording: they
+    /// are in [`Self::damage`], and stand in records named [`crate::mcap_write::DAMAGED_RECORD`].
+    ///
+    /// # Errors
+    /// [`ReadError::Io`], [`ReadError::Empty`], [`ReadError::NotMcap`].
+    pub fn open_damaged(path: &Path) -> Result<Self, ReadError> {
         scan::open(path)
+    }
+
+    /// Whether the start record has a checksum of its own, as those of older builds have not: only
+    /// [`Self::check`] notices there that a bit of the rig file has changed. `true` for files of
+    /// other programs.
+    pub fn start_is_guarded(&self) -> bool {
+        self.records(START_RECORD).all(|start| start.contains_key(key::CHECKSUM))
     }
 
     /// The file.

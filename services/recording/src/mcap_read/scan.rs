@@ -5,11 +5,13 @@ use std::fs::{File, TryLockError};
 use std::io::{self, BufReader, Read};
 use std::path::Path;
 
-use mcap::records::{Record, op};
+use mcap::records::{Metadata, Record, op};
 
 use super::block::{Block, Definition};
 use super::summary::{self, DataEnd, FOOTER_BODY, RECORD_HEAD, Summary};
-use super::{Channel, Damage, ReadError, Recording, Tail};
+use super::{Channel, Damage, DamagedMetadata, ReadError, Recording, Tail};
+use crate::mcap_write::DAMAGED_RECORD;
+use crate::record_checksum;
 use crate::schema::Layout;
 
 /// Longest header, metadata, schema or channel record that is read (bytes).
@@ -54,6 +56,7 @@ pub(super) fn open(path: &Path) -> Result<Recording, ReadError> {
         metadata_records: Vec::new(),
         attachments: 0,
         damage: Vec::new(),
+        damaged_metadata: None,
         data_end: None,
         tail: Tail::default(),
     };
@@ -210,20 +213,48 @@ impl Found {
     fn small(&mut self, at: u64, opcode: u8, body: &[u8]) {
         match mcap::parse_record(opcode, body) {
             Ok(Record::Header(header)) => self.recording.library = header.library,
-            Ok(Record::Metadata(metadata)) => {
-                self.recording.metadata_records.push((metadata.name, metadata.metadata))
-            }
+            Ok(Record::Metadata(record)) => self.metadata(at, record),
             Ok(Record::DataEnd(end)) => {
                 self.recording.data_end =
                     Some(DataEnd { offset: at, checksum: end.data_section_crc })
             }
             Ok(Record::ChunkIndex(index)) => self.summary.chunks.push(index),
             Ok(record) => self.summary.definitions.extend(Definition::of(record)),
-            Err(error) => self
-                .recording
-                .damage
-                .push(Damage { offset: at, what: format!("record {opcode:#04x}: {error}") }),
+            Err(error) => {
+                let what = format!("record {opcode:#04x}: {error}");
+                if opcode == op::METADATA {
+                    let found = format!("a record that cannot be read ({error})");
+                    self.damaged_metadata(at, "metadata", "a whole record".to_owned(), found);
+                }
+                self.recording.damage.push(Damage { offset: at, what });
+            }
         }
+    }
+
+    /// Takes a metadata record; a damaged one under a name by which nobody reads it.
+    fn metadata(&mut self, at: u64, record: Metadata) {
+        let Metadata { mut name, metadata: mut content } = record;
+        if name == DAMAGED_RECORD {
+            let of = content.get("record").map_or("?", String::as_str);
+            let what = format!("metadata record {of} was damaged when the file was recovered");
+            self.recording.damage.push(Damage { offset: at, what });
+        } else if let Err((expected, found)) = record_checksum::verify(&name, &content) {
+            let what = format!(
+                "metadata record {name}: expected checksum {expected}, found {found}; it may hold \
+                 another rig file or protocol than was recorded"
+            );
+            self.recording.damage.push(Damage { offset: at, what });
+            self.damaged_metadata(at, &name, expected, found);
+            let former = std::mem::replace(&mut name, DAMAGED_RECORD.to_owned());
+            content.insert("record".to_owned(), former);
+        }
+        self.recording.metadata_records.push((name, content));
+    }
+
+    fn damaged_metadata(&mut self, offset: u64, record: &str, expected: String, found: String) {
+        let record = record.to_owned();
+        let damaged = DamagedMetadata { offset, record, expected, found };
+        self.recording.damaged_metadata.get_or_insert(damaged);
     }
 }
 

@@ -6,13 +6,19 @@ use std::collections::BTreeMap;
 pub const START_RECORD: &str = "farreach";
 /// Name of the metadata record at the end of a recording with a clean end.
 pub const END_RECORD: &str = "farreach.end";
+/// Name of a metadata record whose checksum was wrong, in a recording that was recovered; its entry
+/// `record` has its former name.
+pub const DAMAGED_RECORD: &str = "farreach.damaged";
 /// Name of the metadata record that says where the part before this one ended, topic by topic.
 pub const CONTINUES_RECORD: &str = "farreach.continues";
 
 /// Keys of the metadata records.
 pub mod key {
-    /// Layout of the metadata themselves: `1`.
+    /// Layout of the metadata themselves: `2`; records of layout `1` had no checksum.
     pub const FORMAT: &str = "format";
+    /// CRC-32 of the record that it stands in (eight hexadecimal digits): what reads a rig file or
+    /// a protocol out of a recording notices by it that they were damaged.
+    pub const CHECKSUM: &str = "checksum";
     /// Git revision of the build.
     pub const REVISION: &str = "revision";
     /// Version of farreach.

@@ -11,8 +11,9 @@
 //! Metadata: first a record [`START_RECORD`] with what the caller gives (git revision, text of the
 //! rig file, names and units of the signals, ...; the keys are the constants of [`key`]); a record
 //! [`RUN_RECORD`] with name, text and subject of each protocol played; last a record [`END_RECORD`]
-//! with the loss counters and `clean_end = true`. Rig file and protocol are metadata, not
-//! attachments, because every MCAP tool shows metadata and the texts are small.
+//! with the loss counters and `clean_end = true`. Each has a checksum of its own. Rig file and
+//! protocol are metadata, not attachments, because every MCAP tool shows metadata and the texts are
+//! small.
 //!
 //! ```
 //! use ipc_types::{Message, SAMPLE, Sample};
@@ -42,15 +43,17 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use ipc_types::{CDR_HEADER, LossCounters, Message, TOPICS, TypedTopic};
-use mcap::records::{MessageHeader, Metadata};
+use mcap::records::MessageHeader;
 use mcap::write::NoSeek;
 
+use crate::record_checksum::sealed;
 use crate::word;
 pub use error::WriteError;
 use error::disk_error;
 pub(crate) use metadata_keys::parse_continues;
 pub use metadata_keys::{
-    CONTINUES_RECORD, END_RECORD, Position, Positions, RUN_RECORD, START_RECORD, Start, key,
+    CONTINUES_RECORD, DAMAGED_RECORD, END_RECORD, Position, Positions, RUN_RECORD, START_RECORD,
+    Start, key,
 };
 pub use output::Output;
 use output::Shared;
@@ -156,7 +159,7 @@ impl Writer {
         let begin = || -> mcap::McapResult<_> {
             let mut mcap = write_options().create(NoSeek::new(shared.clone()))?;
             let mut metadata = start.metadata.clone();
-            metadata.insert(key::FORMAT.to_owned(), "1".to_owned());
+            metadata.insert(key::FORMAT.to_owned(), "2".to_owned());
             metadata
                 .insert(key::REALTIME_OFFSET_NS.to_owned(), start.realtime_offset_ns.to_string());
             metadata.insert(key::STARTED_NS.to_owned(), now_ns.to_string());
@@ -168,7 +171,7 @@ impl Writer {
                 (RUN_RECORD, start.run.clone()),
             ];
             for (name, metadata) in records.into_iter().filter(|(_, content)| !content.is_empty()) {
-                mcap.write_metadata(&Metadata { name: name.to_owned(), metadata })?;
+                mcap.write_metadata(&sealed(name, metadata))?;
             }
             let mut channels = Vec::with_capacity(TOPICS.len());
             for topic in TOPICS {
@@ -266,7 +269,7 @@ impl Writer {
     /// # Errors
     /// Those of the disk; they end the recording.
     pub fn write_run(&mut self, run: &BTreeMap<String, String>) -> Result<(), WriteError> {
-        let record = Metadata { name: RUN_RECORD.to_owned(), metadata: run.clone() };
+        let record = sealed(RUN_RECORD, run.clone());
         self.mcap.write_metadata(&record).map_err(|source| self.poison(source))?;
         // On the disk at once: it may be all that says which subject this is.
         self.flush()
@@ -333,7 +336,7 @@ impl Writer {
                 metadata.insert(format!("{}.{name}", topic.name), value.to_string());
             }
         }
-        let end = Metadata { name: END_RECORD.to_owned(), metadata };
+        let end = sealed(END_RECORD, metadata);
         let ended = self.mcap.write_metadata(&end).and_then(|()| self.mcap.finish().map(|_| ()));
         if let Err(source) = ended.and_then(|()| self.shared.sync().map_err(mcap::McapError::Io)) {
             return Err(self.poison(source));
