@@ -26,4 +26,9 @@ pub mod state;
 pub mod trial_record;
 pub mod trial_schedule;
 
+/// What the hand-offs between threads are made of; `tests/interleavings` compiles them with loom's.
+mod sync {
+    pub(crate) use std::sync::atomic::{AtomicU64, Ordering};
+}
+
 pub use process::{ExperimentError, Runner, run};

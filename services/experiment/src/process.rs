@@ -4,6 +4,7 @@ mod current_protocol;
 mod ilc_worker;
 mod interrupted_writer;
 mod player_events;
+mod progress;
 mod request_handler;
 mod scan_reports;
 mod session_reports;
@@ -237,7 +238,7 @@ impl Runner {
         let permission = self.permission(wake.woke_ns);
         while let Ok(order) = self.link.orders.pop() {
             match order {
-                // The client has been told that the request timed out, so it must not start now.
+                // The client is told that the request timed out, so it must not start now.
                 Order::Play { deadline_ns, .. } if now_ns() > deadline_ns => {}
                 Order::Play { number, program, .. } => {
                     // The request handler holds this program and the previous one, so nothing is

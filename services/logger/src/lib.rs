@@ -5,6 +5,8 @@
 //! being recorded, so that a logger that was killed continues with the next part. [`run`] is the
 //! process.
 
+#[cfg(test)]
+mod interleavings;
 mod process;
 pub mod recorder_front_end;
 pub mod state;

@@ -28,7 +28,7 @@
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 use std::sync::mpsc::{self, Receiver, Sender};
 use std::thread::JoinHandle;
 use std::time::Duration;
@@ -39,7 +39,7 @@ use recording::word;
 pub use crate::state::StartRequest;
 pub use crate::writer_queue::Outcome;
 use crate::writer_queue::{Command, Queue, SLOTS, Shared, Slot};
-use crate::writer_thread::{Opener, open_file, run};
+use crate::writer_thread::{Opener, WriterEnd, open_file, run};
 
 /// Why a request was refused.
 #[derive(Debug, thiserror::Error)]
@@ -114,37 +114,36 @@ impl RecorderFrontEnd {
         slots: usize,
         opener: Opener,
     ) -> Result<Self, RecorderError> {
+        let (mut front, end) = Self::unattended(slots);
+        let work = move || run(&end, state_directory.as_deref(), &opener);
+        let thread = std::thread::Builder::new()
+            .name("logger-disk".to_owned())
+            .spawn(work)
+            .map_err(|error| RecorderError::Thread { what: error.to_string() })?;
+        front.thread = Some(thread);
+        Ok(front)
+    }
+
+    /// Both ends, without a thread at the other.
+    pub(crate) fn unattended(slots: usize) -> (Self, WriterEnd) {
         let counters = || TOPICS.iter().map(|_| AtomicU64::new(0)).collect();
         let queue = Arc::new(Queue::new(slots.max(1)));
         let shared = Arc::new(Shared {
             now_ns: AtomicU64::new(0),
+            generation: AtomicU32::new(0),
             written: counters(),
             refused: counters(),
         });
-        let (commands, command_inbox) = mpsc::channel();
-        let (outcome_outbox, outcomes) = mpsc::channel();
-        let thread = std::thread::Builder::new()
-            .name("logger-disk".to_owned())
-            .spawn({
-                let (queue, shared) = (Arc::clone(&queue), Arc::clone(&shared));
-                move || {
-                    run(
-                        &queue,
-                        &shared,
-                        &command_inbox,
-                        &outcome_outbox,
-                        state_directory.as_deref(),
-                        &opener,
-                    )
-                }
-            })
-            .map_err(|error| RecorderError::Thread { what: error.to_string() })?;
-        Ok(Self {
+        let (commands, inbox) = mpsc::channel();
+        let (outbox, outcomes) = mpsc::channel();
+        let end =
+            WriterEnd { queue: Arc::clone(&queue), shared: Arc::clone(&shared), inbox, outbox };
+        let front = Self {
             queue,
             shared,
             commands,
             outcomes,
-            thread: Some(thread),
+            thread: None,
             counts: vec![Count::default(); TOPICS.len()],
             unknown: 0,
             generation: 0,
@@ -153,7 +152,8 @@ impl RecorderFrontEnd {
             part_began_ns: 0,
             stopping: false,
             error: String::new(),
-        })
+        };
+        (front, end)
     }
 
     /// Counts one message, and queues it if a recording is running. Neither allocates nor waits.
@@ -205,15 +205,13 @@ impl RecorderFrontEnd {
         }
         self.began_ns = request.began_ns;
         self.generation = self.generation.wrapping_add(1);
-        for (index, (count, topic)) in self.counts.iter_mut().zip(TOPICS).enumerate() {
+        for (count, topic) in self.counts.iter_mut().zip(TOPICS) {
             count.dropped = 0;
             count.received_before = count.tracker.received();
             count.gaps_before = count.tracker.gaps();
             if let Some(position) = request.continues.get(topic.name) {
                 count.tracker.resume(position.incarnation, position.next);
             }
-            self.shared.written[index].store(0, Ordering::Relaxed);
-            self.shared.refused[index].store(0, Ordering::Relaxed);
         }
         self.error.clear();
         let path = request.path.clone();
@@ -290,8 +288,10 @@ impl RecorderFrontEnd {
     /// The counters of a topic, all of them of the present or last recording.
     pub fn losses(&self, topic: usize) -> LossCounters {
         let count = self.counts.get(topic).copied().unwrap_or_default();
-        let load =
-            |list: &[AtomicU64]| list.get(topic).map_or(0, |value| value.load(Ordering::Relaxed));
+        let own = self.shared.generation.load(Ordering::Acquire) == self.generation;
+        let load = |list: &[AtomicU64]| {
+            list.get(topic).filter(|_| own).map_or(0, |value| value.load(Ordering::Relaxed))
+        };
         LossCounters {
             received: count.tracker.received() - count.received_before,
             gaps: count.tracker.gaps() - count.gaps_before,

@@ -3,7 +3,7 @@
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
-use std::sync::atomic::AtomicU64;
+use std::sync::atomic::{AtomicU32, AtomicU64};
 
 use crossbeam_queue::ArrayQueue;
 use ipc_types::{LossCounters, TOPICS};
@@ -112,6 +112,9 @@ pub enum Outcome {
 #[derive(Debug)]
 pub(crate) struct Shared {
     pub(crate) now_ns: AtomicU64,
+    /// The recording whose counters these are: those of the one before go on until the thread
+    /// begins the next, while the loop already asks for its own.
+    pub(crate) generation: AtomicU32,
     pub(crate) written: Vec<AtomicU64>,
     pub(crate) refused: Vec<AtomicU64>,
 }

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::path::Path;
+use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::sync::mpsc::{Receiver, Sender, TryRecvError};
 use std::time::Duration;
@@ -27,10 +28,28 @@ pub(crate) fn open_file(path: &Path, start: &Start, now_ns: u64) -> Result<Write
     Writer::create(path, start, now_ns)
 }
 
-struct Disk<'a> {
-    queue: &'a Queue,
-    shared: &'a Shared,
-    outbox: &'a Sender<Outcome>,
+/// The writer thread's end of what it shares with the loop.
+#[derive(Debug)]
+pub(crate) struct WriterEnd {
+    pub(crate) queue: Arc<Queue>,
+    pub(crate) shared: Arc<Shared>,
+    pub(crate) inbox: Receiver<Command>,
+    pub(crate) outbox: Sender<Outcome>,
+}
+
+/// What a turn of the thread has led to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Turn {
+    /// There was something to do.
+    Worked,
+    /// There was nothing.
+    Idle,
+    /// The thread is to end.
+    Ended,
+}
+
+pub(crate) struct Disk<'a> {
+    end: &'a WriterEnd,
     state_directory: Option<&'a Path>,
     opener: &'a Opener,
     writer: Option<Writer>,
@@ -41,55 +60,70 @@ struct Disk<'a> {
     held: Option<Slot>,
 }
 
-pub(crate) fn run(
-    queue: &Queue,
-    shared: &Shared,
-    inbox: &Receiver<Command>,
-    outbox: &Sender<Outcome>,
-    state_directory: Option<&Path>,
-    opener: &Opener,
-) {
-    let mut disk = Disk {
-        queue,
-        shared,
-        outbox,
-        state_directory,
-        opener,
-        writer: None,
-        state: StartRequest::default(),
-        generation: 0,
-        held: None,
-    };
+pub(crate) fn run(end: &WriterEnd, state_directory: Option<&Path>, opener: &Opener) {
+    let mut disk = Disk::new(end, state_directory, opener);
     loop {
-        let worked = disk.drain(BATCH);
-        disk.tick();
-        match inbox.try_recv() {
-            Ok(Command::Start { generation, request }) => disk.start(generation, request),
-            Ok(Command::NoteRun { run }) => disk.note_run(run),
-            Ok(Command::Stop { losses }) => disk.stop(losses, true),
-            Ok(Command::Quit { losses }) => return disk.stop(losses, false),
-            Err(TryRecvError::Disconnected) => return disk.stop(Vec::new(), false),
+        match disk.turn() {
+            Turn::Worked => {}
             // `send` unparks, so that a command does not wait for the sleep to end
-            Err(TryRecvError::Empty) if worked == 0 => std::thread::park_timeout(IDLE),
-            Err(TryRecvError::Empty) => {}
+            Turn::Idle => std::thread::park_timeout(IDLE),
+            Turn::Ended => return,
         }
     }
 }
 
-impl Disk<'_> {
+impl<'a> Disk<'a> {
+    pub(crate) fn new(
+        end: &'a WriterEnd,
+        state_directory: Option<&'a Path>,
+        opener: &'a Opener,
+    ) -> Self {
+        Self {
+            end,
+            state_directory,
+            opener,
+            writer: None,
+            state: StartRequest::default(),
+            generation: 0,
+            held: None,
+        }
+    }
+
+    /// Writes what waits, and carries out the next command.
+    pub(crate) fn turn(&mut self) -> Turn {
+        let worked = self.drain(BATCH);
+        self.tick();
+        match self.end.inbox.try_recv() {
+            Ok(Command::Start { generation, request }) => self.start(generation, request),
+            Ok(Command::NoteRun { run }) => self.note_run(run),
+            Ok(Command::Stop { losses }) => self.stop(losses, true),
+            Ok(Command::Quit { losses }) => {
+                self.stop(losses, false);
+                return Turn::Ended;
+            }
+            Err(TryRecvError::Disconnected) => {
+                self.stop(Vec::new(), false);
+                return Turn::Ended;
+            }
+            Err(TryRecvError::Empty) if worked == 0 => return Turn::Idle,
+            Err(TryRecvError::Empty) => {}
+        }
+        Turn::Worked
+    }
+
     fn now_ns(&self) -> u64 {
-        self.shared.now_ns.load(Ordering::Relaxed)
+        self.end.shared.now_ns.load(Ordering::Relaxed)
     }
 
     fn report(&self, outcome: Outcome) {
         // Fails only while the process ends.
-        let _ = self.outbox.send(outcome);
+        let _ = self.end.outbox.send(outcome);
     }
 
     /// Writes queued messages, at most `most`; returns how many.
     fn drain(&mut self, most: usize) -> usize {
         for done in 0..most {
-            let Some(slot) = self.held.take().or_else(|| self.queue.pop()) else { return done };
+            let Some(slot) = self.held.take().or_else(|| self.end.queue.pop()) else { return done };
             // Generations wrap: "later" is less than half the range ahead.
             let ahead = slot.generation.wrapping_sub(self.generation);
             if ahead != 0 && ahead < u32::MAX / 2 {
@@ -105,8 +139,11 @@ impl Disk<'_> {
         let topic = usize::from(slot.topic);
         let Some(writer) = self.writer.as_mut().filter(|_| slot.generation == self.generation)
         else {
-            // its file could not be created, or is closed
-            if let Some(refused) = self.shared.refused.get(topic) {
+            // Its file could not be created, or is closed. What belongs to an earlier recording is
+            // no loss of this one.
+            if slot.generation == self.generation
+                && let Some(refused) = self.end.shared.refused.get(topic)
+            {
                 refused.fetch_add(1, Ordering::Relaxed);
             }
             return;
@@ -129,7 +166,7 @@ impl Disk<'_> {
 
     fn publish(&self, topic: usize) {
         let (Some(writer), Some(written), Some(refused)) =
-            (&self.writer, self.shared.written.get(topic), self.shared.refused.get(topic))
+            (&self.writer, self.end.shared.written.get(topic), self.end.shared.refused.get(topic))
         else {
             return;
         };
@@ -138,7 +175,7 @@ impl Disk<'_> {
     }
 
     fn publish_all(&self) {
-        (0..self.shared.written.len()).for_each(|topic| self.publish(topic));
+        (0..self.end.shared.written.len()).for_each(|topic| self.publish(topic));
     }
 
     fn tick(&mut self) {
@@ -152,6 +189,12 @@ impl Disk<'_> {
 
     fn start(&mut self, generation: u32, request: StartRequest) {
         self.generation = generation;
+        let shared = &self.end.shared;
+        for count in shared.written.iter().chain(&shared.refused) {
+            count.store(0, Ordering::Relaxed);
+        }
+        // From here on the counters are those of this recording.
+        shared.generation.store(generation, Ordering::Release);
         let mut part = request.part.max(1);
         let opened = loop {
             let path = recording::part_path(&request.path, part);

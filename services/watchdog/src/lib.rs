@@ -15,4 +15,11 @@ mod process;
 mod since;
 mod verb_exchange;
 
+/// What the hand-offs between threads are made of; `tests/interleavings` compiles them with loom's.
+mod sync {
+    pub(crate) use std::sync::atomic::{AtomicU64, Ordering};
+
+    pub(crate) use crossbeam_queue::ArrayQueue;
+}
+
 pub use process::{WatchdogError, run};

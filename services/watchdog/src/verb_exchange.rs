@@ -6,12 +6,10 @@
 //! that it has taken is executed, and its answer, which comes too late, must not pass for that of a
 //! later verb. So verbs have numbers.
 
-use std::sync::atomic::{AtomicU64, Ordering};
-
-use crossbeam_queue::ArrayQueue;
 use ipc_types::{Verb, WatchdogState};
 
 use crate::interlock::Refusal;
+use crate::sync::{ArrayQueue, AtomicU64, Ordering};
 
 /// What the interlock says to a verb.
 pub(crate) type Answer = Result<WatchdogState, Refusal>;
@@ -72,6 +70,7 @@ impl VerbExchange {
 }
 
 #[cfg(test)]
+#[cfg(not(loom))]
 mod tests {
     use super::*;
 

@@ -23,7 +23,8 @@ use crate::state::PlayerState;
 use super::current_protocol::Current;
 use super::ilc_worker::find_references;
 use super::interrupted_writer::InterruptedWriter;
-use super::thread_link::{ChangeReport, Order, Progress, RequestSide};
+use super::progress::Progress;
+use super::thread_link::{ChangeReport, Order, RequestSide};
 
 /// Longest time for the loop to take an order: it looks at each cycle.
 const TAKE_LIMIT: Duration = Duration::from_secs(1);
@@ -155,8 +156,11 @@ impl RequestHandler {
         }
         self.current = Some(current);
         (self.permission_lost, self.trouble) = (false, String::new());
-        let before_ns = now_ns().saturating_add(TAKE_LIMIT.as_nanos() as u64);
-        self.order(order, Order::Play { number: order, program, deadline_ns: before_ns })
+        // Half of the time that the request waits: the loop has the other half to say that it has
+        // taken the order, before the client is told that it has not.
+        let take_ns = TAKE_LIMIT.as_nanos() as u64 / 2;
+        let deadline_ns = now_ns().saturating_add(take_ns);
+        self.order(order, Order::Play { number: order, program, deadline_ns })
     }
 
     /// The program of a protocol that could be played now, but for the motor's power: nobody shall

@@ -6,9 +6,10 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use ipc_types::{AXES, Event, ExperimentAnswer, ScanProgress};
+use ipc_types::Event;
 use rtrb::{Consumer, Producer, RingBuffer};
 
+use super::progress::Progress;
 use crate::player::{Change, Program};
 use crate::scan_tracker::ScanState;
 use crate::session_state::SessionStep;
@@ -28,8 +29,8 @@ const STEP_CAPACITY: usize = 256;
 /// An order to the loop.
 #[derive(Debug)]
 pub(super) enum Order {
-    /// Play a program. Ignored after `deadline_ns` (CLOCK_MONOTONIC), when the client has been told
-    /// that the request failed.
+    /// Play a program. Ignored after `deadline_ns` (CLOCK_MONOTONIC), well before the client is
+    /// told that the request failed.
     Play { number: u32, program: Arc<Program>, deadline_ns: u64 },
     /// Stop playing.
     Stop { number: u32 },
@@ -46,125 +47,6 @@ pub(super) struct ChangeReport {
     pub(super) epoch: u64,
     /// The scanner, as far as it was followed.
     pub(super) scan: ScanState,
-}
-
-/// Progress of the protocol, written by the loop. `elapsed_s_bits`, `sample_ns` and each word of
-/// `scan` may belong to a neighbouring cycle.
-#[derive(Debug, Default)]
-pub(super) struct Progress {
-    /// Bits 0 to 31: segment; 32: running; 33: completed; 34: enabled; 35 to 37: homed axes; 38:
-    /// volumes are counted; 40 to 63: newest order accepted.
-    packed: AtomicU64,
-    /// Time played (s), as the bits of an `f64`.
-    elapsed_s_bits: AtomicU64,
-    /// Time of the newest sample (ns, CLOCK_MONOTONIC); 0 before the first.
-    sample_ns: AtomicU64,
-    /// Volumes and their expected number; missed and spurious; surplus and overdue: a half each.
-    scan: [AtomicU64; 3],
-    /// When the client last renewed its lease (ns); the only field that the request thread writes
-    /// and the loop reads.
-    renewed_ns: AtomicU64,
-}
-
-const RUNNING: u64 = 1 << 32;
-const COMPLETED: u64 = 1 << 33;
-const ENABLED: u64 = 1 << 34;
-const HOMED_SHIFT: u32 = 35;
-const HOMED_MASK: u64 = (1 << AXES) - 1;
-const SCAN_SHIFT: u32 = 38;
-const SCAN: u64 = 1 << SCAN_SHIFT;
-const ORDER_SHIFT: u32 = 40;
-const _: () = assert!(HOMED_SHIFT as usize + AXES <= SCAN_SHIFT as usize);
-
-/// A snapshot of [`Progress`].
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct ProgressSnapshot {
-    pub(super) order: u32,
-    pub(super) running: bool,
-    pub(super) completed: bool,
-    /// Whether the motor is enabled.
-    pub(super) enabled: bool,
-    /// Homed axes, one bit each.
-    pub(super) homed: u8,
-    pub(super) segment: u32,
-    /// Time played (s).
-    pub(super) elapsed_s: f64,
-    /// Time of the newest sample (ns, CLOCK_MONOTONIC); 0 before the first.
-    pub(super) sample_ns: u64,
-    /// The volumes of the scan; `None` for a protocol that counts none.
-    pub(super) scan: Option<ScanProgress>,
-}
-
-impl Progress {
-    /// Largest order number that fits (24 bits).
-    pub(super) const ORDER_MAX: u32 = (1 << (64 - ORDER_SHIFT)) - 1;
-
-    /// Publishes the progress. The packed word is stored last, with release ordering.
-    pub(super) fn update(
-        &self,
-        order: u32,
-        status: &ExperimentAnswer,
-        sample_ns: u64,
-        enabled: bool,
-        homed: u8,
-    ) {
-        let flag = |set, bit| if set { bit } else { 0 };
-        let packed = u64::from(status.segment)
-            | flag(status.running, RUNNING)
-            | flag(status.completed, COMPLETED)
-            | flag(enabled, ENABLED)
-            | flag(status.scan.is_some(), SCAN)
-            | (u64::from(homed) & HOMED_MASK) << HOMED_SHIFT
-            | u64::from(order) << ORDER_SHIFT;
-        self.elapsed_s_bits.store(status.elapsed_s.to_bits(), Ordering::Relaxed);
-        self.sample_ns.store(sample_ns, Ordering::Relaxed);
-        let scan = status.scan.unwrap_or_default();
-        let pairs = [
-            (scan.volumes, scan.expected),
-            (scan.missed, scan.spurious),
-            (scan.surplus, scan.overdue),
-        ];
-        for (place, (high, low)) in self.scan.iter().zip(pairs) {
-            place.store(half(high) << 32 | half(low), Ordering::Relaxed);
-        }
-        self.packed.store(packed, Ordering::Release);
-    }
-
-    /// Renews the client's lease.
-    pub(super) fn renew(&self, now_ns: u64) {
-        self.renewed_ns.store(now_ns, Ordering::Relaxed);
-    }
-
-    /// When the client last renewed its lease (ns, CLOCK_MONOTONIC); 0: not yet.
-    pub(super) fn renewed_ns(&self) -> u64 {
-        self.renewed_ns.load(Ordering::Relaxed)
-    }
-
-    pub(super) fn read(&self) -> ProgressSnapshot {
-        let packed = self.packed.load(Ordering::Acquire);
-        let [(volumes, expected), (missed, spurious), (surplus, overdue)] =
-            self.scan.each_ref().map(|place| {
-                let both = place.load(Ordering::Relaxed);
-                (both >> 32, both & u64::from(u32::MAX))
-            });
-        let scan = ScanProgress { volumes, expected, missed, spurious, surplus, overdue };
-        ProgressSnapshot {
-            order: (packed >> ORDER_SHIFT) as u32,
-            running: packed & RUNNING != 0,
-            completed: packed & COMPLETED != 0,
-            enabled: packed & ENABLED != 0,
-            homed: (packed >> HOMED_SHIFT & HOMED_MASK) as u8,
-            segment: packed as u32,
-            elapsed_s: f64::from_bits(self.elapsed_s_bits.load(Ordering::Relaxed)),
-            sample_ns: self.sample_ns.load(Ordering::Relaxed),
-            scan: (packed & SCAN != 0).then_some(scan),
-        }
-    }
-}
-
-/// A count in half a word.
-fn half(count: u64) -> u64 {
-    count.min(u64::from(u32::MAX))
 }
 
 /// Counts items dropped because a ring was full; shared by all threads of the process.
@@ -247,50 +129,4 @@ pub(super) fn pair() -> (LoopSide, RequestSide) {
             dropped,
         },
     )
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn progress_is_read_back_as_written() {
-        let progress = Progress::default();
-        let scan = ScanProgress {
-            volumes: 7,
-            expected: 9,
-            missed: 1,
-            spurious: 2,
-            surplus: 3,
-            overdue: u64::from(u32::MAX),
-        };
-        for (order, segment, running, completed, enabled) in [
-            (0, 0, false, false, true),
-            (1, u32::MAX, true, false, false),
-            (Progress::ORDER_MAX, 7, false, true, true),
-        ] {
-            let scan = running.then_some(scan);
-            let status = ExperimentAnswer {
-                running,
-                segment,
-                elapsed_s: 1.25,
-                completed,
-                scan,
-                ..ExperimentAnswer::default()
-            };
-            progress.update(order, &status, 42, enabled, 5);
-            let expected = ProgressSnapshot {
-                order,
-                running,
-                completed,
-                enabled,
-                homed: 5,
-                segment,
-                elapsed_s: 1.25,
-                sample_ns: 42,
-                scan,
-            };
-            assert_eq!(progress.read(), expected);
-        }
-    }
 }
