@@ -103,7 +103,8 @@ impl Target {
         let path = record.to_str().unwrap();
         let up = rig.run(["up", "--simulate", "--rig", &text, "--record", path]);
         assert!(up.status.success(), "{}", told(&up));
-        let monitor = Monitor::join(rig.name());
+        let mut monitor = Monitor::join(rig.name());
+        monitor.load(2);
         let random = StdRng::seed_from_u64(seed);
         Self { rig, monitor, record, disks, stalls: HostStalls::watch(), random }
     }
