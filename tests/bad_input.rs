@@ -7,7 +7,7 @@ mod common;
 
 use std::fmt::Write as _;
 use std::path::Path;
-use std::process::{Command, Output, Stdio};
+use std::process::Output;
 use std::time::Duration;
 
 use ipc_types::{Message, SAMPLE, Sample};
@@ -335,28 +335,10 @@ fn truncated_and_empty_recordings_are_refused_and_can_be_recovered() {
     rig.down();
 }
 
-/// A command with private mounts, tried out; `None`, with a message, if the host does not allow
-/// them.
-fn private_mounts() -> Option<Command> {
-    for arguments in [&["-m"][..], &["-rm"]] {
-        let mut command = Command::new("unshare");
-        command.args(arguments).stdin(Stdio::null());
-        let mut trial = Command::new("unshare");
-        trial.args(arguments).args(["mount", "-t", "tmpfs", "-o", "size=64k", "tmpfs", "/dev/shm"]);
-        if trial.output().is_ok_and(|output| output.status.success()) {
-            return Some(command);
-        }
-    }
-    eprintln!(
-        "SKIPPED: neither root nor user namespaces; full disks and shared memory are not tested"
-    );
-    None
-}
-
 /// Runs a shell script with private mounts; `$FARREACH` is the binary, `$DIRECTORY` the rig's
 /// directory.
 fn scripted(rig: &TestRig, script: &str) -> Option<Output> {
-    let mut command = private_mounts()?;
+    let mut command = common::private_mounts()?;
     command
         .args(["sh", "-uc", script])
         .env("FARREACH_RIG_NAME", rig.name().as_str())

@@ -52,6 +52,13 @@ impl TestRig {
         rig
     }
 
+    /// The same in this profile, whatever the host can keep.
+    pub fn of_profile(tag: &str, profile: Profile) -> Self {
+        let mut rig = Self::patient(tag);
+        rig.profile = profile;
+        rig
+    }
+
     /// The same in the best-effort profile, for tests that do not concern timing: stalls of some
     /// milliseconds then do not trip the rig, so the host's need not be measured.
     pub fn patient(tag: &str) -> Self {
@@ -383,5 +390,23 @@ pub fn measured(file: &str) -> Option<PathBuf> {
         return Some(path);
     }
     eprintln!("SKIPPED: {} is not there; this test holds farreach against it", path.display());
+    None
+}
+
+/// A command with private mounts, tried out; `None`, with a message, if the host does not allow
+/// them.
+pub fn private_mounts() -> Option<Command> {
+    for arguments in [&["-m"][..], &["-rm"]] {
+        let mut command = Command::new("unshare");
+        command.args(arguments).stdin(Stdio::null());
+        let mut trial = Command::new("unshare");
+        trial.args(arguments).args(["mount", "-t", "tmpfs", "-o", "size=64k", "tmpfs", "/dev/shm"]);
+        if trial.output().is_ok_and(|output| output.status.success()) {
+            return Some(command);
+        }
+    }
+    eprintln!(
+        "SKIPPED: neither root nor user namespaces; full disks and shared memory are not tested"
+    );
     None
 }

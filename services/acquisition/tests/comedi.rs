@@ -238,8 +238,8 @@ fn a_card_that_is_not_what_the_rig_file_says_is_refused() {
             "comedi.axes.0.output.channel: expected a channel below 8, found 8",
         ),
         (
-            "[comedi.enable_line]\ndevice = \"/dev/comedi0\"\nsubdevice = 2",
-            "[comedi.enable_line]\ndevice = \"/dev/comedi0\"\nsubdevice = 1",
+            "[comedi.enable_line]\ndevice = \"/dev/comedi0\"\nsubdevice = 2\nchannel = 0",
+            "[comedi.enable_line]\ndevice = \"/dev/comedi2\"\nsubdevice = 0\nchannel = 0",
             "comedi.enable_line: expected a subdevice with digital outputs",
         ),
         (

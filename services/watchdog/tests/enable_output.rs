@@ -110,8 +110,8 @@ fn a_line_of_the_parallel_port() {
     }
     // A line that cannot be an output.
     let wrong = RIG.replace(
-        "[comedi.enable_line]\ndevice = \"/dev/comedi0\"\nsubdevice = 2",
-        "[comedi.enable_line]\ndevice = \"/dev/comedi0\"\nsubdevice = 1",
+        "[comedi.enable_line]\ndevice = \"/dev/comedi0\"\nsubdevice = 2\nchannel = 0",
+        "[comedi.enable_line]\ndevice = \"/dev/comedi2\"\nsubdevice = 0\nchannel = 0",
     );
     let rig = RigFile::parse(&wrong, "rig.toml").unwrap();
     let error = EnableOutput::of_rig(Some(CardKind::Comedi), &rig).unwrap_err().to_string();

@@ -8,7 +8,7 @@ use recording::mcap_read::Recording;
 use recording::mcap_write::{START_RECORD, key};
 use recording::record::{self, ColumnNames, Mapping, SampleColumns};
 use report::Page;
-use rig::{AxisUnit, Model as Declared, ModelEffect, RigFile};
+use rig::{Axis, AxisUnit, Encoder, Model as Declared, ModelEffect, RigFile};
 
 use crate::chosen_axis::own_columns;
 use crate::deadline::Deadline;
@@ -105,6 +105,15 @@ fn name_of(rig: &RigFile, axis: usize) -> String {
     }
 }
 
+/// Largest error of the slave encoder's zero against the master's (rad of the slave): a search for
+/// the stops finds either to within one of its own counts.
+fn slave_zero_error(rig: &RigFile, axis: &Axis) -> Option<f64> {
+    let gear = axis.master.turns_per_handle_turn;
+    let ratio = rig.model.transmission(rig.file_name()).map_or(1.0, |it| it.transmission_ratio());
+    let counts = |encoder: &Encoder| 1.0 / encoder.counts_per_unit;
+    Some(counts(axis.slave.as_ref()?) + gear * ratio * counts(&axis.master))
+}
+
 /// Passes name, declared model, records from time 0 and options to `work`, which runs on the
 /// threads of `how`.
 fn with_model<T: Send>(
@@ -118,8 +127,7 @@ fn with_model<T: Send>(
     let several = axis.filter(|_| rig.axes.len() > 1).map(|axis| axis.name.as_str());
     let file = name_of(rig, how.axis);
     let gear = axis.map_or(1.0, |axis| axis.master.turns_per_handle_turn);
-    let slave = axis.and_then(|axis| axis.slave);
-    let slave_count_rad = slave.map(|encoder| 1.0 / encoder.counts_per_unit);
+    let slave_zero_rad = axis.and_then(|axis| slave_zero_error(rig, axis));
     let capability = RigCapability::of(rig, how.axis);
     let others = OtherAxis::beside(rig, how.axis);
     if how.calibrate > 0 && capability.is_none() {
@@ -137,7 +145,7 @@ fn with_model<T: Send>(
     let options = Options {
         seed: how.seed,
         gear,
-        slave_count_rad,
+        slave_zero_rad,
         axis: several,
         others: &others,
         capability,
@@ -304,6 +312,19 @@ mod tests {
         assert_eq!((of(0, "t_s"), of(1, "t_s")), (vec![20.0, 20.5], vec![0.0, 0.5]));
         assert_eq!(of(0, "force_n"), [7.0, 8.0]);
         assert!(from_the_first(&[series(0.0), series(3.0)]).is_none(), "it begins at 0 already");
+    }
+
+    #[test]
+    fn the_slaves_zero_may_err_by_a_count_of_each_encoder() {
+        let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../launch/rigs/hydrostatic.toml");
+        let mut rig = RigFile::load(path).unwrap();
+        // 4000 counts a turn at either side; the slave turns 0.85 times as far as the master.
+        let count_rad = std::f64::consts::TAU / 4000.0;
+        let ratio = rig.model.transmission("").unwrap().transmission_ratio();
+        let error = slave_zero_error(&rig, &rig.axes[0]).unwrap();
+        assert!((error - count_rad * (1.0 + ratio)).abs() < 1e-12, "{error} rad, ratio {ratio}");
+        rig.axes[0].slave = None;
+        assert!(slave_zero_error(&rig, &rig.axes[0]).is_none());
     }
 
     #[test]

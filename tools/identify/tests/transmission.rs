@@ -58,6 +58,26 @@ fn found_in(records: Vec<Record>) -> (TransmissionModel, SearchResult) {
     (model, found)
 }
 
+#[test]
+fn zeros_that_are_two_counts_apart_are_no_effect() {
+    // A search for the stops finds each of the two to within one count.
+    let zero = 1.8 * COUNT_RAD;
+    let shifted = |turn| {
+        let mut record = record(turn, None, turn == 4, 0.0);
+        record.slave.iter_mut().flatten().for_each(|position| *position += zero);
+        record
+    };
+    let mut records: Vec<Record> = (0..5).map(shifted).collect();
+    share_out(&mut records, false);
+    let error = Some(2.0 * COUNT_RAD);
+    let mut model =
+        TransmissionModel::new("hydrostatic.toml", &rig().model, records, error).unwrap();
+    let found = search(&mut model, &NEVER).unwrap();
+    assert!(found.steps.is_empty(), "{:?}", found.steps.first().map(|step| step.added.id));
+    let fitted = model.slave_zero_rad(&found.base.setting);
+    assert!((fitted - zero).abs() < 0.2 * COUNT_RAD, "{fitted} rad of {zero}");
+}
+
 /// Backlash at the slave, searched once for the tests that need it.
 static BACKLASH: LazyLock<(TransmissionModel, SearchResult)> =
     LazyLock::new(|| found(Some("backlash@slave=0.06"), 0.0));

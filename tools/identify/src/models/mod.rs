@@ -63,8 +63,9 @@ pub struct Options<'a> {
     pub seed: u64,
     /// Turns of the model's master per turn of the measured handle.
     pub gear: f64,
-    /// A count of the slave's encoder (rad), where there is one.
-    pub slave_count_rad: Option<f64>,
+    /// Largest error of the slave encoder's zero against the master's (rad of the slave), where
+    /// there is such an encoder.
+    pub slave_zero_rad: Option<f64>,
     /// Name of the axis, where the rig has several.
     pub axis: Option<&'a str>,
     /// The other axes at the same handle.

@@ -137,7 +137,7 @@ fn model_of(
         hand_throughout(&mut laid_out, cut);
     }
     share_out(&mut laid_out, records.iter().all(|record| record.role.is_some()));
-    let model = TransmissionModel::new(rig_file, declared, laid_out, options.slave_count_rad)?;
+    let model = TransmissionModel::new(rig_file, declared, laid_out, options.slave_zero_rad)?;
     let (model, not_recorded) = model.with_other_axes(options.others);
     for role in [Role::Fit, Role::Select, Role::Report] {
         if model.of_role(role).is_empty() {
@@ -276,7 +276,7 @@ mod tests {
         let options = Options {
             seed: 1,
             gear: 1.0,
-            slave_count_rad: None,
+            slave_zero_rad: None,
             axis: None,
             others: &[],
             capability: None,

@@ -18,7 +18,7 @@ use crate::error::{IdentifyError, Result};
 pub const SMOOTHING: &str = "friction_smoothing_rad_s";
 /// Name of the parameter for the shape of that smoothing.
 pub const SMOOTHING_SHAPE: &str = "friction_smoothing_shape";
-/// Name of the slave encoder's unknown zero, within one count.
+/// Name of the slave encoder's unknown zero against the master's.
 pub const SLAVE_ZERO: &str = "slave_encoder_zero_rad";
 /// Bounds of the smoothing speed (rad/s).
 const SMOOTHING_RANGE: (f64, f64) = (0.003, 1.0);
@@ -189,8 +189,8 @@ pub struct TransmissionModel {
 }
 
 impl TransmissionModel {
-    /// Builds the model of a rig file (`file`, for messages) with its records; `slave_count_rad` is
-    /// one count of the slave's encoder (rad).
+    /// Builds the model of a rig file (`file`, for messages) with its records; `slave_zero_rad` is
+    /// the largest error of the slave encoder's zero against the master's (rad).
     ///
     /// # Errors
     /// If the declaration is not a transmission, or has invalid values.
@@ -198,7 +198,7 @@ impl TransmissionModel {
         file: &str,
         declared: &Declared,
         records: Vec<Record>,
-        slave_count_rad: Option<f64>,
+        slave_zero_rad: Option<f64>,
     ) -> Result<Self> {
         let constants = declared
             .transmission(file)
@@ -239,10 +239,10 @@ impl TransmissionModel {
             let range = (info.minimum, info.maximum);
             base.push(BaseParameter::estimated(SMOOTHING_SHAPE, info.unit, range));
         }
-        if let Some(count) =
-            slave_count_rad.filter(|_| records.iter().all(|record| record.slave.is_some()))
+        if let Some(error) =
+            slave_zero_rad.filter(|_| records.iter().all(|record| record.slave.is_some()))
         {
-            base.push(BaseParameter::estimated(SLAVE_ZERO, "rad", (-count, count)));
+            base.push(BaseParameter::estimated(SLAVE_ZERO, "rad", (-error, error)));
         }
         Ok(Self { declared: constants, base, records, others: Vec::new() })
     }

@@ -50,7 +50,7 @@ pub(crate) fn options(deadline: &Deadline) -> Options<'_> {
     Options {
         seed: 1,
         gear: 1.0,
-        slave_count_rad: None,
+        slave_zero_rad: None,
         axis: None,
         others: &[],
         capability: None,

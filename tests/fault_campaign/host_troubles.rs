@@ -1,0 +1,190 @@
+//! What the computer may lack while the rig runs: processor time, memory, shared memory, a disk.
+
+use std::fs::{File, remove_file};
+use std::io::Write;
+use std::path::PathBuf;
+use std::process::{Command, Stdio};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+use ipc_types::Profile;
+
+use crate::common::monitor::Monitor;
+use crate::common::{TestRig, told, wait_for};
+use crate::kinds::Expected;
+
+/// What the computer lacks.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum HostTrouble {
+    ProcessorHogs,
+    MemoryPressure,
+    DiskBusy,
+    DiskFull,
+    DiskReadOnly,
+    SharedMemoryFull,
+    AnotherUser,
+}
+
+/// For so long the trouble lasts.
+const LASTS: Duration = Duration::from_millis(700);
+/// Hogs on each processor.
+const HOGS: usize = 3;
+/// What memory pressure takes (bytes): touched page by page, from the page cache if need be.
+const TAKEN: usize = 2 << 30;
+const PAGE: usize = 4096;
+
+/// Where the private file systems of this test are.
+#[derive(Debug)]
+pub struct PrivateDisks {
+    /// Of 256 KiB.
+    pub tiny: PathBuf,
+    pub read_only: PathBuf,
+}
+
+impl HostTrouble {
+    pub const ALL: [Self; 7] = [
+        Self::ProcessorHogs,
+        Self::MemoryPressure,
+        Self::DiskBusy,
+        Self::DiskFull,
+        Self::DiskReadOnly,
+        Self::SharedMemoryFull,
+        Self::AnotherUser,
+    ];
+
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::ProcessorHogs => "host: processors hogged by other programs",
+            Self::MemoryPressure => "host: 2 GiB of memory taken at once",
+            Self::DiskBusy => "host: disk of the recording written and synced by others",
+            Self::DiskFull => "host: disk of the recording full",
+            Self::DiskReadOnly => "host: disk of the recording read-only",
+            Self::SharedMemoryFull => "host: shared memory full for 0.3 s",
+            Self::AnotherUser => "host: another user reaches for the rig's files",
+        }
+    }
+
+    /// Whether it needs file systems that are mounted for this test alone, or a second user.
+    pub const fn needs_root(self) -> bool {
+        matches!(
+            self,
+            Self::DiskFull | Self::DiskReadOnly | Self::SharedMemoryFull | Self::AnotherUser
+        )
+    }
+
+    /// What must become of the motor.
+    pub const fn expected(self, profile: Profile) -> Expected {
+        match (self, profile) {
+            // A page that is touched for the first time is not to be had.
+            (Self::SharedMemoryFull, _) => Expected::Either,
+            // Real-time scheduling and locked memory are there to keep it.
+            (Self::DiskFull | Self::DiskReadOnly | Self::AnotherUser, _)
+            | (_, Profile::Realtime) => Expected::Stays,
+            (_, Profile::BestEffort) => Expected::Either,
+        }
+    }
+
+    /// Makes the trouble, and ends it.
+    pub fn make(self, rig: &TestRig, monitor: &Monitor, disks: &PrivateDisks) {
+        match self {
+            Self::ProcessorHogs => hog_processors(),
+            Self::MemoryPressure => take_memory(),
+            Self::DiskBusy => write_and_sync(rig.path("busy")),
+            Self::DiskFull => record_to_full_disk(rig, disks),
+            Self::DiskReadOnly => {
+                let output = record_to(rig, disks.read_only.join("run.mcap"));
+                assert!(!output.status.success(), "{}", told(&output));
+            }
+            Self::SharedMemoryFull => fill_shared_memory(monitor),
+            Self::AnotherUser => reach_as_another_user(rig),
+        }
+    }
+}
+
+fn hog_processors() {
+    let stop = Arc::new(AtomicBool::new(false));
+    let processors = std::thread::available_parallelism().map_or(1, usize::from);
+    let hogs: Vec<_> = (0..HOGS * processors)
+        .map(|_| {
+            let stop = Arc::clone(&stop);
+            std::thread::spawn(move || {
+                let mut state = 1u64;
+                while !stop.load(Ordering::Relaxed) {
+                    state = std::hint::black_box(state.wrapping_mul(3).wrapping_add(1));
+                }
+            })
+        })
+        .collect();
+    std::thread::sleep(LASTS);
+    stop.store(true, Ordering::Relaxed);
+    hogs.into_iter().for_each(|hog| hog.join().unwrap());
+}
+
+fn take_memory() {
+    let mut taken = vec![0u8; TAKEN];
+    taken.iter_mut().step_by(PAGE).for_each(|byte| *byte = 1);
+    assert_eq!(std::hint::black_box(&taken)[PAGE], 1);
+}
+
+fn write_and_sync(path: PathBuf) {
+    let mut file = File::create(&path).unwrap();
+    let block = vec![0x55; 4 << 20];
+    for _ in 0..16 {
+        file.write_all(&block).unwrap();
+        file.sync_data().unwrap();
+    }
+    remove_file(path).unwrap();
+}
+
+/// Ends the recording, and begins another one there.
+fn record_to(rig: &TestRig, path: PathBuf) -> std::process::Output {
+    rig.run(["rec", "stop"]);
+    rig.run(["rec", "start", path.to_str().unwrap()])
+}
+
+/// Until the logger says that the disk is full.
+fn record_to_full_disk(rig: &TestRig, disks: &PrivateDisks) {
+    let path = disks.tiny.join("run.mcap");
+    let output = record_to(rig, path.clone());
+    let is_full =
+        || String::from_utf8_lossy(&rig.run(["status", "--json"]).stdout).contains("full");
+    if output.status.success() {
+        assert!(wait_for(Duration::from_secs(20), is_full), "{}", rig.ok(["status"]));
+    } else {
+        assert!(told(&output).contains("full"), "{}", told(&output));
+    }
+    rig.run(["rec", "stop"]);
+    for entry in std::fs::read_dir(&disks.tiny).unwrap() {
+        remove_file(entry.unwrap().path()).unwrap();
+    }
+}
+
+fn fill_shared_memory(monitor: &Monitor) {
+    let path = "/dev/shm/filler";
+    let mut file = File::create(path).unwrap();
+    let block = vec![1; 64 << 10];
+    // Until nothing more fits, to the page.
+    while file.write_all(&block).is_ok() {}
+    while file.write_all(&block[..PAGE]).is_ok() {}
+    monitor.pass_or_time(600);
+    drop(file);
+    remove_file(path).unwrap();
+}
+
+/// As user 65534: neither written, nor read, nor listed.
+fn reach_as_another_user(rig: &TestRig) {
+    let script = r#"
+        for file in $(find "$1" "$2" 2>/dev/null) "$1"/* "$2"/*; do
+            (: >>"$file") 2>/dev/null && echo "written: $file"
+            cat "$file" >/dev/null 2>&1 && echo "read: $file"
+        done
+        exit 0"#;
+    let output = Command::new("setpriv")
+        .args(["--reuid", "65534", "--regid", "65534", "--clear-groups", "sh", "-c", script, "sh"])
+        .args([rig.name().directory(), rig.run_directory()])
+        .stdin(Stdio::null())
+        .output()
+        .unwrap();
+    assert!(output.status.success() && output.stdout.is_empty(), "{}", told(&output));
+}

@@ -1,0 +1,208 @@
+//! The fault campaign: every kind of fault, in a rig of real processes under power, with what
+//! becomes of the motor, of the other processes and of the recording. Requirements: SR-01, SR-04,
+//! SR-07, SR-19, SR-20, whole-system; hazards H1 to H6, H8, H12 of the safety case.
+//!
+//! In a test run each kind comes once, in the profile that the host can keep. The whole campaign,
+//! whose result is `docs/fault-campaign.md` (two hours):
+//!
+//! ```sh
+//! FARREACH_INJECTIONS=50 FARREACH_PROFILES="realtime best-effort" UPDATE_PAGES=1 \
+//!     cargo test --release --test fault_campaign -- --nocapture
+//! ```
+//!
+//! `FARREACH_KINDS=TEXT` leaves out the kinds whose names do not contain it.
+#![allow(clippy::unwrap_used, clippy::expect_used, unreachable_pub)]
+
+#[path = "../common/mod.rs"]
+mod common;
+mod forgeries;
+mod host_stalls;
+mod host_troubles;
+mod kinds;
+mod recordings;
+mod strike;
+mod table;
+
+use std::fs::OpenOptions;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::time::Instant;
+
+use common::TestRig;
+use host_troubles::PrivateDisks;
+use ipc_types::Profile;
+use kinds::{Injection, Kind};
+use rand::seq::SliceRandom;
+use strike::{Outcome, Target, Verdict};
+
+/// Injections of each kind in a test run.
+const INJECTIONS: usize = 1;
+/// Attempts at one injection; a stall of the host spoils an attempt.
+const ATTEMPTS: usize = 12;
+/// Where the inner process writes its outcomes.
+const TO: &str = "FARREACH_CAMPAIGN_TO";
+/// Its private disks.
+const DISKS: &str = "FARREACH_CAMPAIGN_DISKS";
+const TEST: &str = "sr_19_every_kind_of_fault_leaves_the_motor_off_in_time_and_the_others_running";
+
+fn injections() -> usize {
+    std::env::var("FARREACH_INJECTIONS").map_or(INJECTIONS, |text| text.parse().unwrap())
+}
+
+#[test]
+fn sr_19_every_kind_of_fault_leaves_the_motor_off_in_time_and_the_others_running() {
+    if let Some(to) = std::env::var_os(TO) {
+        return campaign(Path::new(&to));
+    }
+    // `None`: the profile that the host can keep.
+    let profiles: Vec<Option<String>> = std::env::var("FARREACH_PROFILES").map_or_else(
+        |_| vec![None],
+        |text| text.split_whitespace().map(|name| Some(name.to_owned())).collect(),
+    );
+    let directory = tempfile::tempdir().unwrap();
+    let to = directory.path().join("outcomes.jsonl");
+    for profile in profiles {
+        run_inner(directory.path(), &to, profile.as_deref());
+    }
+    let text = std::fs::read_to_string(&to).unwrap();
+    let outcomes: Vec<Outcome> =
+        text.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    println!("{}", table::text(&outcomes));
+    if std::env::var_os("UPDATE_PAGES").is_some() {
+        table::write_page(&outcomes);
+    }
+    let failed: Vec<&Outcome> =
+        outcomes.iter().filter(|it| matches!(it.verdict, Verdict::Failed(_))).collect();
+    assert!(failed.is_empty(), "{} of {}: {failed:#?}", failed.len(), outcomes.len());
+    assert_quick_and_held(&outcomes);
+}
+
+/// What each way to 0 V must have shown of itself.
+fn assert_quick_and_held(outcomes: &[Outcome]) {
+    let of = |process: &str| {
+        let kinds = [
+            format!("kill {process}"),
+            format!("stop {process} for 300 ms"),
+            format!("stop {process} for 2000 ms"),
+        ];
+        outcomes.iter().filter(move |it| kinds.contains(&it.kind)).collect::<Vec<_>>()
+    };
+    if std::env::var_os("FARREACH_KINDS").is_some() {
+        return;
+    }
+    // The kill of acquisition tests the enable line only if the DACs kept holding volts that no
+    // longer reached the motor. (If the host stalls at that moment, the gate closes first.)
+    assert!(of("acquisition").iter().any(|it| it.held), "{:#?}", of("acquisition"));
+    // The gate is the faster and usual way to 0 V as long as acquisition is alive.
+    for outcome in of("control") {
+        let profile =
+            *Profile::ALL.iter().find(|profile| profile.text() == outcome.profile).unwrap();
+        let gate = runtime::Timeouts::of(profile).token_ns / common::monitor::TICK_NS;
+        let quick = |it: &&Outcome| {
+            it.profile == outcome.profile
+                && it.off_ticks.is_some_and(|off| off <= gate + common::monitor::SLACK)
+        };
+        assert!(of("control").iter().any(|it| quick(it)), "{:#?}", of("control"));
+    }
+}
+
+/// Runs this test in a process of its own, because a process joins one rig only; with private
+/// mounts where the host allows them.
+fn run_inner(directory: &Path, to: &Path, profile: Option<&str>) {
+    let program = std::env::current_exe().unwrap();
+    let disks = directory.join("disks");
+    for name in ["tiny", "read-only"] {
+        std::fs::create_dir_all(disks.join(name)).unwrap();
+    }
+    let mut command = match common::private_mounts() {
+        Some(mut command) => {
+            let script = r#"
+                mount -t tmpfs -o size=512m tmpfs /dev/shm &&
+                mount -t tmpfs -o size=256k tmpfs "$1/tiny" &&
+                mount -t tmpfs -o ro tmpfs "$1/read-only" && shift && exec "$@""#;
+            command.args(["sh", "-c", script, "sh"]).arg(&disks).arg(program);
+            command.env(DISKS, &disks);
+            command
+        }
+        None => Command::new(program),
+    };
+    command.args([TEST, "--exact", "--nocapture"]).env(TO, to).stdin(Stdio::null());
+    if let Some(profile) = profile {
+        command.env("FARREACH_CAMPAIGN_PROFILE", profile);
+    }
+    let status = command.status().unwrap();
+    assert!(status.success(), "the campaign in profile {profile:?}: {status}");
+}
+
+fn target() -> Target {
+    let rig = match std::env::var("FARREACH_CAMPAIGN_PROFILE") {
+        Ok(name) => {
+            let profile = Profile::ALL.iter().find(|profile| profile.text() == name);
+            TestRig::of_profile("campaign", *profile.expect("realtime or best-effort"))
+        }
+        Err(_) => TestRig::new("campaign"),
+    };
+    let disks = std::env::var_os(DISKS).map(PathBuf::from);
+    let disks =
+        disks.map(|at| PrivateDisks { tiny: at.join("tiny"), read_only: at.join("read-only") });
+    Target::new(rig, disks, 20)
+}
+
+fn campaign(to: &Path) {
+    let mut target = target();
+    let only = std::env::var("FARREACH_KINDS").unwrap_or_default();
+    let root = rustix::process::geteuid().is_root() && target.disks.is_some();
+    let mut kinds: Vec<Kind> =
+        kinds::list().into_iter().filter(|kind| kind.name.contains(&only)).collect();
+    kinds.retain(|kind| match kind.injection {
+        Injection::Host(trouble) if trouble.needs_root() && !root => {
+            eprintln!("SKIPPED: {}: needs root and private mounts", kind.name);
+            false
+        }
+        _ => true,
+    });
+    let mut file = OpenOptions::new().create(true).append(true).open(to).unwrap();
+    let began = Instant::now();
+    let mut settled = None;
+    for round in 0..injections() {
+        kinds.shuffle(&mut target.random);
+        for kind in &kinds {
+            let outcome = struck(&mut target, kind, &mut file);
+            if let Verdict::Failed(why) = &outcome.verdict {
+                eprintln!("FAILED: {}: {why}", outcome.kind);
+            }
+        }
+        let (profile, elapsed) = (target.profile(), began.elapsed());
+        eprintln!("{profile}: round {} of {} kinds, {elapsed:.0?}", round + 1, kinds.len());
+        recordings::verify_all_and_go_on(&mut target);
+        if round == 0 {
+            settled = Some(recordings::lowest_footprint(target.rig.name()));
+        }
+    }
+    // Shared memory does not grow; the keeper gets time to clean up.
+    if let Some(settled) = settled {
+        recordings::assert_no_growth(target.rig.name(), &settled);
+    }
+    let Target { rig, monitor, .. } = target;
+    drop(monitor);
+    rig.down();
+}
+
+/// Injects until the host did not spoil it; every attempt is written.
+fn struck(target: &mut Target, kind: &Kind, file: &mut std::fs::File) -> Outcome {
+    let mut attempt = 1;
+    loop {
+        let outcome = target.strike(kind);
+        writeln!(file, "{}", serde_json::to_string(&outcome).unwrap()).unwrap();
+        match &outcome.verdict {
+            Verdict::HostStalled(why) if attempt < ATTEMPTS => {
+                let first = why.lines().next().unwrap_or_default();
+                let stall_ms = outcome.stall_ms;
+                eprintln!("repeated: {}: {first}; stall {stall_ms:.1} ms", kind.name);
+                attempt += 1;
+            }
+            _ => return outcome,
+        }
+    }
+}

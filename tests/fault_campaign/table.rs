@@ -1,0 +1,167 @@
+//! The campaign's result as a table, for the terminal and for `docs/fault-campaign.md`.
+
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+use std::path::Path;
+
+use crate::common::monitor::TICK_NS;
+use crate::kinds;
+use crate::strike::{Outcome, Verdict};
+
+/// All outcomes of one kind in one profile.
+struct Row<'a> {
+    kind: &'a str,
+    outcomes: Vec<&'a Outcome>,
+}
+
+impl Row<'_> {
+    fn counted(&self) -> impl Iterator<Item = &Outcome> {
+        self.outcomes.iter().copied().filter(|it| !matches!(it.verdict, Verdict::HostStalled(_)))
+    }
+
+    fn repeated(&self) -> usize {
+        self.outcomes.len() - self.counted().count()
+    }
+
+    fn failed(&self) -> usize {
+        self.counted().filter(|it| matches!(it.verdict, Verdict::Failed(_))).count()
+    }
+
+    fn kept_power(&self) -> usize {
+        self.counted().filter(|it| it.off_ticks.is_none()).count()
+    }
+
+    /// Milliseconds to 0 V of those that lost their power, in order.
+    fn off_ms(&self) -> Vec<f64> {
+        sorted(self.counted().filter_map(|it| it.off_ticks).map(milliseconds).collect())
+    }
+
+    fn back_ms(&self) -> Vec<f64> {
+        sorted(self.counted().map(|it| it.back_ms).collect())
+    }
+
+    /// The longest bound among those that have one: which processes are drawn decides.
+    fn bound_ms(&self) -> Option<f64> {
+        self.counted().filter_map(|it| it.bound_ticks).max().map(milliseconds)
+    }
+
+    fn cells(&self) -> [String; 7] {
+        let off = self.off_ms();
+        let of =
+            |share: f64| quantile(&off, share).map_or("–".to_owned(), |ms| format!("{ms:.1}"));
+        let back = self.back_ms();
+        let back = |share: f64| quantile(&back, share).unwrap_or_default();
+        [
+            self.counted().count().to_string(),
+            self.kept_power().to_string(),
+            format!("{} / {} / {}", of(0.5), of(0.99), of(1.0)),
+            self.bound_ms().map_or("–".to_owned(), |ms| format!("{ms:.1}")),
+            self.failed().to_string(),
+            self.repeated().to_string(),
+            format!("{:.0} / {:.0}", back(0.5), back(1.0)),
+        ]
+    }
+}
+
+const HEAD: [&str; 8] = [
+    "fault",
+    "injections",
+    "power kept",
+    "to 0 V: p50 / p99 / max (ms)",
+    "bound (ms)",
+    "not as stated",
+    "repeated for a stall",
+    "all ready again: p50 / max (ms)",
+];
+
+fn milliseconds(ticks: u64) -> f64 {
+    (ticks * TICK_NS) as f64 * 1e-6
+}
+
+fn sorted(mut values: Vec<f64>) -> Vec<f64> {
+    values.sort_by(f64::total_cmp);
+    values
+}
+
+/// By nearest rank.
+fn quantile(sorted: &[f64], share: f64) -> Option<f64> {
+    let rank = (share * sorted.len() as f64).ceil() as usize;
+    sorted.get(rank.saturating_sub(1)).copied()
+}
+
+/// The profiles in the order of their outcomes.
+fn profiles(outcomes: &[Outcome]) -> Vec<&str> {
+    let mut profiles: Vec<&str> = Vec::new();
+    for outcome in outcomes {
+        if !profiles.contains(&outcome.profile.as_str()) {
+            profiles.push(&outcome.profile);
+        }
+    }
+    profiles
+}
+
+/// One row for each kind, in the order of the list.
+fn rows<'a>(outcomes: &'a [Outcome], profile: &str) -> Vec<Row<'a>> {
+    let mut by_kind: BTreeMap<&str, Vec<&Outcome>> = BTreeMap::new();
+    for outcome in outcomes.iter().filter(|it| it.profile == profile) {
+        by_kind.entry(&outcome.kind).or_default().push(outcome);
+    }
+    kinds::list()
+        .iter()
+        .filter_map(|kind| by_kind.remove_entry(kind.name.as_str()))
+        .map(|(kind, outcomes)| Row { kind, outcomes })
+        .collect()
+}
+
+fn summary(outcomes: &[Outcome], profile: &str) -> String {
+    let rows = rows(outcomes, profile);
+    let sum = |of: fn(&Row) -> usize| rows.iter().map(of).sum::<usize>();
+    let own = outcomes.iter().filter(|it| it.profile == profile);
+    let stalls = sorted(own.map(|it| it.stall_ms).collect());
+    let stall = |share: f64| quantile(&stalls, share).unwrap_or_default();
+    format!(
+        "{} injections of {} kinds: {} not as stated; {} more were repeated because the host \
+         stalled. Longest stall of the host during an injection: median {:.1} ms, 99th percentile \
+         {:.1} ms, maximum {:.1} ms.",
+        sum(|row| row.counted().count()),
+        rows.len(),
+        sum(|row| row.failed()),
+        sum(|row| row.repeated()),
+        stall(0.5),
+        stall(0.99),
+        stall(1.0),
+    )
+}
+
+/// For the terminal.
+pub fn text(outcomes: &[Outcome]) -> String {
+    let mut text = String::new();
+    for profile in profiles(outcomes) {
+        writeln!(text, "\n{profile}: {}", summary(outcomes, profile)).unwrap();
+        writeln!(text, "{}", HEAD.join("; ")).unwrap();
+        for row in rows(outcomes, profile) {
+            let [count, kept, off, bound, failed, repeated, back] = row.cells();
+            let (name, off) = (format!("{:60}", row.kind), format!("{off:22}"));
+            let counts = format!("{failed:>2} {repeated:>3}  {back}");
+            writeln!(text, "{name} {count:>4} {kept:>4}  {off} {bound:>6} {counts}").unwrap();
+        }
+    }
+    text
+}
+
+/// Writes the page.
+pub fn write_page(outcomes: &[Outcome]) {
+    let mut page = include_str!("page_introduction.txt").to_owned();
+    for profile in profiles(outcomes) {
+        writeln!(page, "\n## Profile {profile}\n").unwrap();
+        let summary = textwrap::fill(&summary(outcomes, profile), 100);
+        writeln!(page, "{summary}\n").unwrap();
+        writeln!(page, "| {} |", HEAD.join(" | ")).unwrap();
+        writeln!(page, "|---|{}", "--:|".repeat(HEAD.len() - 1)).unwrap();
+        for row in rows(outcomes, profile) {
+            writeln!(page, "| {} | {} |", row.kind, row.cells().join(" | ")).unwrap();
+        }
+    }
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/fault-campaign.md");
+    std::fs::write(path, page).unwrap();
+}
