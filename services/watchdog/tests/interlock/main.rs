@@ -2,12 +2,14 @@
 //! properties.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
+mod axes;
 mod checked;
 mod exhaustive;
 mod faults;
 mod homing;
 mod plausibility;
 mod properties;
+mod times;
 #[path = "../../../runtime/tests/gate/walk.rs"]
 mod walk;
 mod world;
@@ -296,6 +298,7 @@ fn sr_17_token_names_whom_it_is_for_and_how_long_it_holds() {
         assert_eq!((token.acquisition_incarnation, token.control_incarnation), (21, 41));
         assert_eq!((token.issued_ns, token.valid_until_ns), (world.now, world.now + life));
         assert_eq!((token.sample_tick, token.faults), (world.sample.tick, 0));
+        assert_eq!((token.time_ns, token.profile), (world.now, profile.code()));
     }
 }
 
