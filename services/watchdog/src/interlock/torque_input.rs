@@ -71,6 +71,8 @@ impl InputMonitor {
 
 #[cfg(test)]
 mod tests {
+    use ipc_types::ANALOG;
+
     use super::*;
 
     #[test]
@@ -101,5 +103,8 @@ mod tests {
         assert_eq!(faults_at(1002, 1.5), FaultSet::NONE);
         assert_eq!(faults_at(2002, 1.5), FaultSet::NONE);
         assert_eq!(faults_at(2003, 1.5), stuck);
+        // An absent input reads nothing, and begins anew when it is back.
+        let absent = Sample { scan_time_ns: 2004, analog_v: [1.5; ANALOG], ..Sample::default() };
+        assert_eq!(monitor.observe(&absent, &input), FaultSet::NONE);
     }
 }

@@ -53,6 +53,21 @@ fn sr_12_gate_latched_before_it_opened_trips_an_earlier_latched_epoch_does_not()
 }
 
 #[test]
+fn sr_12_a_gate_that_waits_in_this_epoch_trips_nothing() {
+    let mut world = World::in_state(Profile::Realtime, WatchdogState::Armed);
+    world.verb(Verb::Enable).unwrap();
+    world.gate_obeys = false;
+    world.step();
+    world.sample.epoch = world.token.epoch;
+    world.sample.gate_state = GateState::Closed.code();
+    world.cycles(15);
+    assert_eq!(world.interlock.state(), WatchdogState::Enabled, "no command yet");
+    world.sample.gate_state = GateState::Open.code();
+    world.cycles(100);
+    assert_eq!(world.interlock.state(), WatchdogState::Enabled);
+}
+
+#[test]
 fn sr_12_gate_that_does_not_open_trips() {
     for (profile, within) in [(Profile::Realtime, 20), (Profile::BestEffort, 150)] {
         let mut world = World::in_state(profile, WatchdogState::Armed);
@@ -75,7 +90,7 @@ fn sr_13_lost_echo_trips() {
             let mut world = World::in_state(profile, WatchdogState::Enabled);
             let old = world.token.sequence;
             let mut cycles = 0;
-            while world.interlock.state() == WatchdogState::Enabled {
+            while world.interlock.state() == WatchdogState::Enabled && cycles < 200 {
                 world.now += MS;
                 let token = world.token.sequence;
                 if from_sample {
