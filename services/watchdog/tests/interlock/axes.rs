@@ -149,28 +149,42 @@ fn sr_11_a_value_that_is_marked_absent_means_nothing() {
 
 #[test]
 fn sr_11_an_encoder_that_drops_out_and_comes_back_is_invalid_and_nothing_else() {
-    for (absent, value) in [(true, 0.9), (false, f64::NAN), (false, f64::INFINITY)] {
+    type Change = fn(&mut Sample);
+    let cases: [Change; 6] = [
+        |sample| {
+            sample.master_present = 0b01;
+            (sample.master_position[1], sample.master_counts[1]) = (0.9, 573);
+        },
+        |sample| {
+            sample.slave_present = 0b01;
+            (sample.slave_position[1], sample.slave_counts[1]) = (0.9, 573);
+        },
+        |sample| sample.master_position[1] = f64::NAN,
+        |sample| sample.master_position[1] = f64::INFINITY,
+        |sample| sample.slave_position[1] = f64::NAN,
+        |sample| sample.slave_position[1] = f64::NEG_INFINITY,
+    ];
+    for (case, change) in cases.into_iter().enumerate() {
         let mut world = two_axes(BOTH);
         let good = world.sample;
-        world.sample.master_position[1] = value;
-        if absent {
-            world.sample.master_present = 0b01;
-            world.sample.master_counts[1] = 573;
-        }
+        change(&mut world.sample);
         world.cycle();
         let mut expected = FaultSet::NONE;
         expected.insert(TripCause::SensorInvalid);
-        assert_eq!(world.interlock.active_faults(), expected, "{value}");
+        assert_eq!(world.interlock.active_faults(), expected, "case {case}");
         world.sample = Sample {
             master_position: good.master_position,
             master_counts: good.master_counts,
             master_present: good.master_present,
+            slave_position: good.slave_position,
+            slave_counts: good.slave_counts,
+            slave_present: good.slave_present,
             ..world.sample
         };
         world.cycle();
-        assert_eq!(world.interlock.active_faults(), expected, "{value}, held");
+        assert_eq!(world.interlock.active_faults(), expected, "case {case}, held");
         world.cycles(20);
-        assert_eq!(world.interlock.active_faults(), FaultSet::NONE, "{value}");
+        assert_eq!(world.interlock.active_faults(), FaultSet::NONE, "case {case}");
     }
 }
 
