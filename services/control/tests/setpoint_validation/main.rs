@@ -93,6 +93,7 @@ fn sr_25_modes_ask_for_the_numbers_that_they_use() {
     assert_eq!(verdict(Mode::Passive, f64::NAN), Ok(()));
     assert_eq!(verdict(Mode::Hold, f64::NAN), Ok(()), "it holds where it is");
     assert_eq!(verdict(Mode::Hold, 9.0), Err(Refusal::Position));
+    assert_eq!(verdict(Mode::Impedance, 9.0), Ok(()), "a field's centre may lie anywhere");
     assert_eq!(verdict(Mode::Centre, f64::NAN), Err(Refusal::NotFinite));
     assert_eq!(verdict(Mode::Rhythm, f64::NAN), Err(Refusal::NotFinite));
 }
