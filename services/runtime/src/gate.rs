@@ -164,12 +164,8 @@ impl Gate {
         }
         self.seen_epoch = self.seen_epoch.max(token.epoch);
         let enabled = token.enabled == 1;
-        if let Some(open) = self.open {
-            if token.watchdog_incarnation != open.watchdog {
-                self.violated(GateCause::TokenSender);
-            } else if token.epoch < open.epoch {
-                self.violated(GateCause::EpochBackwards);
-            }
+        if self.open.is_some_and(|open| token.watchdog_incarnation != open.watchdog) {
+            self.violated(GateCause::TokenSender);
         }
         // A withdrawal counts even where the token is out of order: it can only take power away.
         if !enabled {
@@ -201,10 +197,6 @@ impl Gate {
             } else if token.control_incarnation != open.control {
                 self.violated(GateCause::CommandSender);
             }
-        }
-        if enabled && token.acquisition_incarnation == self.config.acquisition_incarnation {
-            // Permission for an epoch ends all earlier ones.
-            self.ended_epoch = self.ended_epoch.max(token.epoch.saturating_sub(1));
         }
         self.token = Some(*token);
         self.token_refused = false;

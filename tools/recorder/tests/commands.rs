@@ -7,113 +7,16 @@ use std::fs;
 use std::path::Path;
 
 use ipc_types::{
-    COMMAND, Event, EventKind, MODEL_STATE, Message, ModelSite, ModelState, MonitorState,
-    MotorCommand, Process, SAMPLE, SCANNER, Sample, ScannerPulse, Severity, VOLUME, Volume,
-    VolumeSource, event_topic,
+    Event, EventKind, MODEL_STATE, Message, ModelSite, ModelState, MonitorState, Process, SAMPLE,
+    SCANNER, Sample, ScannerPulse, Severity, VOLUME, Volume, VolumeSource, event_topic,
 };
 use recorder::{DATA_LOST, DONE};
 use recording::mcap_write::{Start, Writer, key};
 use recording::record::{Options, from_csv};
 
 use clap::Parser;
+use common::short::{sample, write};
 use common::{Folder, Line, fails, rec};
-
-fn sample(i: u64) -> Sample {
-    let t = i as f64 * 5e-4;
-    let mut s = Sample {
-        tick: 1000 + i,
-        scan_time_ns: (1000 + i) * 500_000,
-        axes: 1,
-        master_present: 1,
-        motor_present: 1,
-        ..Sample::default()
-    };
-    s.master_position[0] = (t * 6.0).sin();
-    s.motor_v[0] = (t * 5.0).cos();
-    s.analog_v[3] = f64::NAN;
-    s.stamp(11, 22, i, (1000 + i) * 500_000 + 80_000);
-    s
-}
-
-fn write(path: &Path, ticks: impl IntoIterator<Item = u64>, end: bool) {
-    let start = Start { realtime_offset_ns: 1_700_000_000_000_000_000, ..Start::default() }
-        .with(key::RIG, "hydrostatic")
-        .with(key::PROFILE, "best-effort");
-    let mut writer = Writer::create(path, &start, 0).unwrap();
-    for i in ticks {
-        writer.write_message(&SAMPLE, &sample(i)).unwrap();
-        if i % 4 == 0 {
-            let mut c = MotorCommand { volts: [0.5, 0.0, 0.0], ..MotorCommand::default() };
-            c.stamp(11, 33, i / 4, (1000 + i) * 500_000 + 200_000);
-            writer.write_message(&COMMAND, &c).unwrap();
-        }
-        writer.tick(i * 500_000).unwrap();
-    }
-    if end {
-        writer.finish(&[]).unwrap();
-    } else {
-        // A file as a killed logger leaves it: as it is, without the writer's lock.
-        let growing = path.with_extension("growing");
-        fs::rename(path, &growing).unwrap();
-        fs::copy(&growing, path).unwrap();
-    }
-}
-
-#[test]
-fn info_and_verify_of_a_sound_recording() {
-    let dir = Folder::new();
-    write(&dir.path("run.mcap"), 0..2000, true);
-    let (code, text) = rec(&["info", &dir.text("run.mcap")]);
-    assert_eq!(code, DONE);
-    for expected in
-        ["rig hydrostatic, profile best-effort, part 1", "ended cleanly", "2000.0", "500.0"]
-    {
-        assert!(text.contains(expected), "{expected}: {text}");
-    }
-    let (code, text) = rec(&["verify", &dir.text("run.mcap")]);
-    assert_eq!(code, DONE, "{text}");
-    assert!(text.contains("nothing lost: 2,500 messages"), "{text}");
-    assert!(text.contains("ticks 1000 to 2999, none missing, none filled in late"), "{text}");
-    let (_, text) = rec(&["info", &dir.text("run.mcap"), "--json"]);
-    let value: serde_json::Value = serde_json::from_str(&text).unwrap();
-    assert_eq!(value["data_lost"], false);
-    assert_eq!(value["metadata"][0]["values"]["rig"], "hydrostatic");
-}
-
-#[test]
-fn verify_reports_a_killed_logger_and_recover_makes_a_new_file() {
-    let dir = Folder::new();
-    write(&dir.path("killed.mcap"), 0..2000, false);
-    let (code, text) = rec(&["verify", &dir.text("killed.mcap")]);
-    assert_eq!(code, DATA_LOST);
-    assert!(text.contains("DATA LOST") && text.contains("without a footer"), "{text}");
-    let (code, text) = rec(&["recover", &dir.text("killed.mcap"), "-o", &dir.text("mended.mcap")]);
-    assert_eq!(code, DATA_LOST);
-    assert!(text.contains("messages"), "{text}");
-    let (code, text) = rec(&["verify", &dir.text("mended.mcap")]);
-    assert_eq!(code, DATA_LOST, "recovered, but its end is still missing");
-    assert!(text.contains("did not end cleanly"), "{text}");
-    assert!(
-        fails(&["recover", &dir.text("killed.mcap"), "-o", &dir.text("mended.mcap")])
-            .contains("never overwritten")
-    );
-}
-
-#[test]
-fn verify_counts_what_is_missing() {
-    let dir = Folder::new();
-    write(&dir.path("holes.mcap"), (0..500).chain(510..1000), true);
-    let (code, text) = rec(&["verify", &dir.text("holes.mcap")]);
-    assert_eq!(code, DATA_LOST);
-    assert!(text.contains("sample: 990 messages; 10 missing in 1 place"), "{text}");
-    assert!(
-        text.contains("command: 247 messages; 3 missing in 1 place") || text.contains("2 missing"),
-        "{text}"
-    );
-    let (code, json) = rec(&["verify", &dir.text("holes.mcap"), "--json"]);
-    let value: serde_json::Value = serde_json::from_str(&json).unwrap();
-    assert_eq!((code, &value["ticks"]["missing"]), (DATA_LOST, &serde_json::json!(10)));
-}
 
 #[test]
 fn cat_prints_every_field() {

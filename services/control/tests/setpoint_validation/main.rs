@@ -1,8 +1,10 @@
 //! Which setpoints control follows.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
-use control::setpoint_validation::{REPORT_INTERVAL_NS, Refusal, SetpointValidation};
-use ipc_types::{EventKind, Message, Mode, Process, Sample, Setpoint};
+use std::collections::BTreeSet;
+
+use control::setpoint_validation::{Notice, REPORT_INTERVAL_NS, Refusal, SetpointValidation};
+use ipc_types::{AXES, EventKind, Message, Mode, Process, Sample, Setpoint};
 use proptest::prelude::*;
 use rig::Limits;
 
@@ -66,7 +68,11 @@ fn a_limit_itself_is_within_and_axes_beyond_the_rig_mean_nothing() {
             (s.position, s.velocity) = ([position, f64::NAN, 99.0], [velocity, f64::NAN, 99.0]);
         })
     };
-    for (position, velocity) in [(1.5, 10.0), (-2.0, -10.0), (1.5 + 1e-9, 0.0)] {
+    // One millionth of the larger limit is rounding.
+    let (slack, fastest) = (1e-6 * 2.0, 10.0 * (1.0 + 1e-6));
+    for (position, velocity) in
+        [(1.5, 10.0), (-2.0, -10.0), (1.5 + slack, fastest), (-2.0 - slack, -fastest)]
+    {
         assert_eq!(validation().validate(0, &at(position, velocity)), Ok(()));
     }
 }
@@ -87,6 +93,7 @@ fn sr_25_modes_ask_for_the_numbers_that_they_use() {
     assert_eq!(verdict(Mode::Passive, f64::NAN), Ok(()));
     assert_eq!(verdict(Mode::Hold, f64::NAN), Ok(()), "it holds where it is");
     assert_eq!(verdict(Mode::Hold, 9.0), Err(Refusal::Position));
+    assert_eq!(verdict(Mode::Impedance, 9.0), Ok(()), "a field's centre may lie anywhere");
     assert_eq!(verdict(Mode::Centre, f64::NAN), Err(Refusal::NotFinite));
     assert_eq!(verdict(Mode::Rhythm, f64::NAN), Err(Refusal::NotFinite));
 }
@@ -103,11 +110,12 @@ fn sr_25_order_is_kept_within_a_sender_and_a_replaced_sender_stays_out() {
     assert_eq!(validation.validate(21 * MS, &setpoint(4, 21 * MS)), Err(Refusal::Sequence));
     assert_eq!(validation.validate(21 * MS, &setpoint(6, 19 * MS)), Err(Refusal::Backwards));
     assert_eq!(validation.validate(22 * MS, &setpoint(9, 22 * MS)), Ok(()), "gaps are no disorder");
+    assert_eq!(validation.validate(22 * MS, &setpoint(10, 22 * MS)), Ok(()), "at the same time");
     // The experiment was restarted: it counts from 0.
     let fresh = Setpoint { incarnation: 62, ..setpoint(0, 30 * MS) };
     assert_eq!(validation.validate(30 * MS, &fresh), Ok(()));
     // The old one wakes up.
-    assert_eq!(validation.validate(31 * MS, &setpoint(10, 31 * MS)), Err(Refusal::Sequence));
+    assert_eq!(validation.validate(31 * MS, &setpoint(11, 31 * MS)), Err(Refusal::Sequence));
 }
 
 #[test]
@@ -127,6 +135,8 @@ fn sr_25_another_owner_waits_for_the_lease() {
     let nothing = Setpoint { mode: Mode::Passive.code(), ..other(203 * MS) };
     assert_eq!(busy.validate(203 * MS, &nothing), Err(Refusal::Owner));
     assert_eq!((busy.refused(Refusal::Owner), busy.refused_in_all()), (3, 2));
+    assert_eq!(busy.notice(203 * MS, Refusal::Owner, &nothing), None, "nor is it told");
+    assert!(busy.notice(203 * MS, Refusal::Owner, &other(203 * MS)).is_some());
     // One that has let go of the motor keeps nobody waiting.
     let mut idle = validation();
     assert_eq!(
@@ -164,10 +174,17 @@ fn each_reason_is_told_once_a_second_with_its_count() {
 #[test]
 fn every_reason_fits_into_an_event() {
     let mut validation = validation();
+    let mut texts = BTreeSet::new();
     for refusal in Refusal::ALL {
-        let event = validation.notice(0, refusal, &setpoint(3, 0)).unwrap().event();
+        let notice = validation.notice(0, refusal, &setpoint(3, 0)).unwrap();
+        let event = Notice { count: 5, ..notice }.event();
         assert_eq!(event.text(), refusal.text());
-        assert_eq!((event.kind, event.a), (EventKind::SetpointRefused.code(), 3.0));
+        assert_eq!(
+            (event.kind, event.source),
+            (EventKind::SetpointRefused.code(), Process::Control.code(),)
+        );
+        assert_eq!((event.a, event.b), (3.0, 5.0));
+        assert!(event.text().len() > 20 && texts.insert(refusal.text()), "{refusal:?}");
     }
 }
 
@@ -257,6 +274,37 @@ fn sr_29_on_an_unhomed_axis_nothing_moves_but_the_search_and_the_hand() {
     ];
     for (number, field) in fields.into_iter().enumerate() {
         assert_eq!(of(Mode::Impedance, field), Err(Refusal::Unhomed), "field {number}");
+    }
+}
+
+#[test]
+fn sr_29_an_unhomed_axis_is_told_from_a_homed_one() {
+    let limits =
+        Limits { position_min: -2.0, position_max: 1.5, speed_max: 10.0, ..Limits::default() };
+    for unhomed in 0..2 {
+        let homed = 1 - unhomed;
+        let verdict = |mode: Mode, change: &dyn Fn(&mut Setpoint)| {
+            let mut validation = SetpointValidation::new(SESSION, [limits; 2].into_iter());
+            validation.see(&sample(1 << homed, 0));
+            let setpoint = with(|s| {
+                (s.mode, s.axes) = (mode.code(), 2);
+                change(s);
+            });
+            validation.validate(0, &setpoint)
+        };
+        assert_eq!(verdict(Mode::Position, &|_| ()), Err(Refusal::Unhomed));
+        // The search may go anywhere on the one, and within the limits on the other.
+        assert_eq!(verdict(Mode::Initialise, &|s| s.position[unhomed] = 3.0), Ok(()));
+        let beyond = verdict(Mode::Initialise, &|s| s.position[homed] = 3.0);
+        assert_eq!(beyond, Err(Refusal::Position));
+        // Each row of a field's matrices is one axis's.
+        for column in 0..AXES {
+            let field =
+                |axis: usize| move |s: &mut Setpoint| s.stiffness[axis * AXES + column] = 0.5;
+            assert_eq!(verdict(Mode::Impedance, &field(homed)), Ok(()), "column {column}");
+            let unlawful = verdict(Mode::Impedance, &field(unhomed));
+            assert_eq!(unlawful, Err(Refusal::Unhomed), "column {column}");
+        }
     }
 }
 

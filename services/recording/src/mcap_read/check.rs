@@ -264,3 +264,60 @@ fn step(ticks: &mut Option<Ticks>, tick: u64) {
     ticks.holes += u64::from(missing > 0);
     ticks.last = tick;
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn topic(count: u64, first_ns: u64, last_ns: u64) -> TopicCheck {
+        TopicCheck { count, first_ns, last_ns, ..TopicCheck::default() }
+    }
+
+    fn sound() -> Check {
+        Check {
+            topics: vec![topic(5, 100, 900), topic(0, 0, 0), topic(2, 50, 700)],
+            ticks: Some(Ticks { first: 1, last: 9, ..Ticks::default() }),
+            complete: true,
+            ended_cleanly: true,
+            ..Check::default()
+        }
+    }
+
+    #[test]
+    fn data_are_lost_where_anything_is_missing_or_damaged() {
+        assert!(!sound().data_lost());
+        assert!(!Check { ticks: None, ..sound() }.data_lost());
+        // The end of a recording that is still being written is yet to come.
+        let growing = Check { complete: false, ended_cleanly: false, ..sound() };
+        assert!(!Check { being_written: true, ..growing }.data_lost());
+        let spoilt: [fn(&mut Check); 7] = [
+            |check| check.complete = false,
+            |check| check.ended_cleanly = false,
+            |check| check.damage.push(Damage { offset: 0, what: String::new() }),
+            |check| check.topics[1].gaps = 1,
+            |check| check.topics[1].dropped = 1,
+            |check| check.topics[1].undecodable = 1,
+            |check| check.ticks = check.ticks.map(|ticks| Ticks { missing: 1, ..ticks }),
+        ];
+        for (case, spoil) in spoilt.into_iter().enumerate() {
+            let mut check = sound();
+            spoil(&mut check);
+            assert!(check.data_lost(), "case {case}");
+        }
+        // Disorder loses nothing.
+        let mut disorder = sound();
+        disorder.topics[0].duplicates = 1;
+        disorder.ticks = disorder.ticks.map(|ticks| Ticks { backwards: 1, ..ticks });
+        assert!(!disorder.data_lost());
+    }
+
+    #[test]
+    fn span_rate_and_number_are_those_of_the_topics_with_messages() {
+        assert_eq!((sound().span_ns(), sound().messages()), (Some((50, 900)), 7));
+        let empty = Check { topics: vec![topic(0, 0, 0)], ..Check::default() };
+        assert_eq!((empty.span_ns(), empty.messages()), (None, 0));
+        assert_eq!(topic(5, 100, 900).rate_hz(), Some(5e6));
+        assert_eq!(topic(2, 100, 100).rate_hz(), None, "no time between them");
+        assert_eq!(topic(1, 100, 900).rate_hz(), None, "one message has no rate");
+    }
+}

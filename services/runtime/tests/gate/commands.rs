@@ -33,6 +33,17 @@ fn sr_05_command_sequence_or_sample_backwards_latches() {
 }
 
 #[test]
+fn sr_05_a_second_command_that_answers_the_same_sample_is_in_order() {
+    let mut rig = Rig::opened();
+    let first = rig.command;
+    rig.renew();
+    (rig.command.sample_tick, rig.command.sample_time_ns) =
+        (first.sample_tick, first.sample_time_ns);
+    let output = rig.step();
+    assert_eq!((output.state, output.command_sequence), (GateState::Open, first.sequence + 1));
+}
+
+#[test]
 fn sr_05_command_from_an_old_sample_latches() {
     let mut rig = Rig::opened();
     let sample_time = rig.command.sample_time_ns;

@@ -49,10 +49,25 @@ fn sr_07_a_higher_epoch_ends_the_present_one_with_a_cycle_at_0_v() {
     let mut rig = Rig::opened();
     rig.renew();
     rig.token.epoch = 2;
-    assert_eq!(rig.step().volts, [0.0; AXES]);
+    let output = rig.step();
+    assert_eq!(output.volts, [0.0; AXES]);
+    assert_eq!((output.state, output.cause), (GateState::Closed, GateCause::Withdrawn));
     rig.renew();
     let output = rig.step();
     assert_eq!((output.state, output.epoch), (GateState::Open, 2));
+}
+
+#[test]
+fn sr_07_an_ended_epoch_waits_for_nothing() {
+    let mut rig = Rig::opened();
+    assert_eq!(rig.step().hindrance, GateCause::None, "open");
+    rig.gate.write_failed();
+    rig.renew();
+    assert_eq!(rig.step().hindrance, GateCause::None, "ended, though the token still permits it");
+    let mut rig = Rig::new();
+    (rig.token.enabled, rig.token.acquisition_incarnation) = (0, 22);
+    rig.renew();
+    assert_eq!(rig.step().hindrance, GateCause::None, "not permitted, nor meant for this gate");
 }
 
 #[test]
@@ -99,6 +114,15 @@ fn sr_09_a_late_gate_latches() {
         rig.renew();
     }
     rig.latches_closed(GateCause::GateLate);
+}
+
+#[test]
+fn sr_09_a_gap_of_just_the_profile_s_time_is_not_late() {
+    let mut rig = Rig::opened();
+    for _ in 0..10 {
+        rig.renew();
+    }
+    assert_eq!(rig.step().state, GateState::Open, "5 ms after the last step");
 }
 
 #[test]

@@ -141,7 +141,7 @@ fn sr_01_epoch_zero_never_opens() {
 fn sr_01_the_same_messages_again_pass_until_they_are_stale() {
     let mut rig = Rig::opened();
     let mut open = 0;
-    while rig.step().state == GateState::Open {
+    while rig.step().state == GateState::Open && open < 100 {
         rig.now += CYCLE;
         open += 1;
     }
@@ -200,6 +200,24 @@ fn sr_02_a_token_from_the_future_latches() {
     }
 }
 
+/// A message may be published between the reading of the clock and the receive.
+#[test]
+fn sr_02_a_message_from_just_ahead_of_the_clock_passes() {
+    for field in 0..5 {
+        let mut rig = Rig::opened();
+        rig.renew();
+        let ahead = rig.now + config().future_ns;
+        match field {
+            0 => (rig.token.issued_ns, rig.token.valid_until_ns) = (ahead, ahead + MS),
+            1 => rig.token.time_ns = ahead,
+            2 => rig.command.computed_ns = ahead,
+            3 => rig.command.time_ns = ahead,
+            _ => rig.command.sample_time_ns = ahead,
+        }
+        assert_eq!(rig.step().state, GateState::Open, "field {field}");
+    }
+}
+
 #[test]
 fn sr_02_a_token_that_ends_before_it_begins_latches() {
     let mut rig = Rig::opened();
@@ -247,6 +265,22 @@ fn sr_03_epoch_backwards_latches() {
         rig.renew();
         assert_eq!(rig.step().state, GateState::LatchedClosed);
     }
+}
+
+#[test]
+fn sr_03_an_epoch_below_one_that_was_given_to_another_acquisition_never_opens() {
+    let mut rig = Rig::new();
+    (rig.token.epoch, rig.token.acquisition_incarnation) = (2, 22);
+    rig.renew();
+    assert_eq!(rig.step().hindrance, GateCause::TokenReceiver);
+    (rig.token.epoch, rig.token.acquisition_incarnation) = (1, ACQUISITION);
+    for _ in 0..20 {
+        rig.renew();
+        assert_eq!(rig.step().state, GateState::Closed);
+    }
+    rig.token.epoch = 2;
+    rig.renew();
+    assert_eq!(rig.step().state, GateState::Open);
 }
 
 #[test]

@@ -5,6 +5,7 @@ use proptest::prelude::*;
 use runtime::gate::Gate;
 
 use crate::checked::{Act, Checked};
+use crate::walk::cases;
 use crate::{ACQUISITION, CONTROL, CYCLE, MS, Rig, SESSION, WATCHDOG, config};
 
 fn tokens() -> impl Strategy<Value = EnableToken> {
@@ -103,7 +104,7 @@ fn acts() -> impl Strategy<Value = Vec<Act>> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(2_000))]
+    #![proptest_config(ProptestConfig::with_cases(cases(2_000)))]
 
     /// Whatever arrives, in whatever order: volts other than 0 only with the oracle's consent,
     /// never beyond the limits, and never again for an epoch that was ended.

@@ -27,7 +27,16 @@ pub(crate) struct Walk {
 
 /// Length of the sequences: that of `FARREACH_DEPTH`, or the usual one.
 pub(crate) fn depth(usual: usize) -> usize {
-    std::env::var("FARREACH_DEPTH").ok().and_then(|depth| depth.parse().ok()).unwrap_or(usual)
+    set("FARREACH_DEPTH", usual)
+}
+
+/// Number of a property's cases: that of `PROPTEST_CASES`, or the usual one.
+pub(crate) fn cases(usual: u32) -> u32 {
+    set("PROPTEST_CASES", usual)
+}
+
+fn set<T: std::str::FromStr>(variable: &str, usual: T) -> T {
+    std::env::var(variable).ok().and_then(|value| value.parse().ok()).unwrap_or(usual)
 }
 
 /// Goes through every sequence of `depth` events from here on.

@@ -122,3 +122,18 @@ pub(super) fn homing_time_ns(axes: &[Axis], homed: u8) -> Option<u64> {
         .map(|search| (search.time_max_s * 1e9) as u64)
         .min()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn power_is_cut_otherwise_where_the_rig_file_says_by_whom() {
+        let mut rig = rig::load_rig("hydrostatic".as_ref()).unwrap();
+        for (by, otherwise) in [("", false), ("relay K1 in the amplifier", true)] {
+            by.clone_into(&mut rig.safety.power_cut_by);
+            let config = Config::for_profile(Profile::Realtime, 1, 2, &rig);
+            assert_eq!(config.power_cut_otherwise, otherwise);
+        }
+    }
+}

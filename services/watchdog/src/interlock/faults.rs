@@ -122,4 +122,15 @@ mod tests {
             assert_eq!(places, expected, "{cause}");
         }
     }
+
+    #[test]
+    fn a_fault_that_is_found_twice_is_there_once() {
+        let mut set = FaultSet::NONE;
+        set.insert(TripCause::SpeedLimit);
+        let once = set;
+        set.insert(TripCause::SpeedLimit);
+        set.merge(once);
+        assert_eq!(set, once);
+        assert_eq!(set.bits(), 1 << TripCause::SpeedLimit.code());
+    }
 }

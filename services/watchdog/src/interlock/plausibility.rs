@@ -8,6 +8,7 @@ use rig::Axis;
 
 use super::config::{Config, LimitsNow};
 use super::faults::FaultSet;
+use super::message_monitor::takes_volts;
 
 /// The output counts as at its limit from this share of it on.
 const SATURATED: f64 = 0.995;
@@ -145,8 +146,9 @@ impl AxisMonitor {
     fn overloaded(&mut self, reading: &Reading<'_>, elapsed_ns: u64) -> bool {
         let Some(rating) = &reading.entry.plausibility.thermal else { return false };
         let (sample, axis) = (reading.sample, reading.axis);
-        let read_back =
-            if reading.has(sample.motor_present) { sample.motor_v[axis].abs() } else { 0.0 };
+        // Those of a replayed record reach no motor.
+        let live = reading.has(sample.motor_present) && takes_volts(sample);
+        let read_back = if live { sample.motor_v[axis].abs() } else { 0.0 };
         let volts = sample.output_v[axis].abs().max(read_back);
         if volts.is_finite() {
             let share = 1.0 - (-(elapsed_ns as f64 * 1e-9) / rating.time_constant_s).exp();
@@ -245,4 +247,18 @@ fn lasts(since_ns: &mut Option<u64>, holds: bool, now_ns: u64, longest_ns: u64) 
 fn range(values: &[f64]) -> Range<f64> {
     let fold = |f: fn(f64, f64) -> f64, from| values.iter().copied().fold(from, f);
     fold(f64::min, f64::INFINITY)..fold(f64::max, f64::NEG_INFINITY)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_condition_lasts_when_it_has_held_for_more_than_its_time() {
+        let mut since_ns = None;
+        let mut at = |now_ns, holds| lasts(&mut since_ns, holds, now_ns, 1000);
+        assert!(!at(0, false) && !at(5, true) && !at(1005, true) && at(1006, true));
+        // It begins anew.
+        assert!(!at(1007, false) && !at(1008, true) && !at(2008, true) && at(2009, true));
+    }
 }

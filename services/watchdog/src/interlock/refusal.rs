@@ -50,3 +50,23 @@ const fn first_verb(expected: WatchdogState, found: WatchdogState) -> &'static s
         _ => "`disarm`",
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_refusal_names_the_verb_that_leads_on() {
+        use WatchdogState::{Armed, Disarmed, Enabled, Faulted, Tripped};
+        for (expected, found, verb) in [
+            (Disarmed, Faulted, "`reset`"),
+            (Armed, Tripped, "`reset`"),
+            (Armed, Disarmed, "`arm`"),
+            (Disarmed, Enabled, "`disarm`"),
+            (Tripped, Armed, "`disarm`"),
+        ] {
+            let text = Refusal::State { expected, found }.to_string();
+            assert_eq!(text, format!("the watchdog is {found}, expected {expected}; {verb} first"));
+        }
+    }
+}

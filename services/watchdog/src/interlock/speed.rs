@@ -27,10 +27,10 @@ impl SpeedWindow {
     /// tell a distance to within one count, so that count is taken off. A position that flickers
     /// between two counts has speed 0. `None` while the window is not half full.
     pub(super) fn at_least(&self, window_ns: u64, count: f64) -> Option<f64> {
-        let newest = self.index(0)?;
+        let newest = self.index(0);
         let mut oldest = newest;
         for back in 1..self.filled {
-            let index = self.index(back)?;
+            let index = self.index(back);
             if self.times_ns[newest]
                 .checked_sub(self.times_ns[index])
                 .is_none_or(|age| age > window_ns)
@@ -40,7 +40,7 @@ impl SpeedWindow {
             oldest = index;
         }
         let elapsed_ns = self.times_ns[newest] - self.times_ns[oldest];
-        if elapsed_ns == 0 || elapsed_ns < window_ns / 2 {
+        if elapsed_ns < window_ns / 2 {
             return None;
         }
         let distance = (self.positions[newest] - self.positions[oldest]).abs();
@@ -48,8 +48,8 @@ impl SpeedWindow {
     }
 
     /// Index of the reading that came `back` readings before the newest.
-    fn index(&self, back: usize) -> Option<usize> {
-        (back < self.filled).then(|| (self.next + LENGTH - 1 - back) % LENGTH)
+    const fn index(&self, back: usize) -> usize {
+        (self.next + LENGTH - 1 - back) % LENGTH
     }
 }
 

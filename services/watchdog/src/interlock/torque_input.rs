@@ -68,3 +68,43 @@ impl InputMonitor {
         faults
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use ipc_types::ANALOG;
+
+    use super::*;
+
+    #[test]
+    fn the_inputs_are_those_of_the_rig_file() {
+        let mut rig = rig::load_rig("hydrostatic".as_ref()).unwrap();
+        let cell = rig.axes[0].torque.as_mut().unwrap();
+        cell.stuck_time_s = Some(0.25);
+        let channel = cell.channel;
+        let range_v = rig.channel_at(channel).unwrap().range_v;
+        let input = TorqueInput { channel, range_v, stuck_ns: Some(250_000_000) };
+        assert_eq!(TorqueInput::of_rig(&rig), [Some(input), None, None]);
+    }
+
+    #[test]
+    fn a_reading_is_stuck_after_more_than_its_time() {
+        let input = TorqueInput { channel: 1, range_v: 10.0, stuck_ns: Some(1000) };
+        let mut monitor = InputMonitor::default();
+        let mut faults_at = |scan_time_ns, volts| {
+            let mut sample = Sample { scan_time_ns, analog_present: 0b10, ..Sample::default() };
+            sample.analog_v[1] = volts;
+            monitor.observe(&sample, &input)
+        };
+        let mut stuck = FaultSet::NONE;
+        stuck.insert(TripCause::SensorStuck);
+        assert_eq!(faults_at(0, 1.0), FaultSet::NONE);
+        assert_eq!(faults_at(1000, 1.0), FaultSet::NONE);
+        assert_eq!(faults_at(1001, 1.0), stuck);
+        assert_eq!(faults_at(1002, 1.5), FaultSet::NONE);
+        assert_eq!(faults_at(2002, 1.5), FaultSet::NONE);
+        assert_eq!(faults_at(2003, 1.5), stuck);
+        // An absent input reads nothing, and begins anew when it is back.
+        let absent = Sample { scan_time_ns: 2004, analog_v: [1.5; ANALOG], ..Sample::default() };
+        assert_eq!(monitor.observe(&absent, &input), FaultSet::NONE);
+    }
+}

@@ -125,6 +125,39 @@ fn order_faults() -> Vec<Fault> {
             end: once,
             within: [1, 1],
         },
+        Fault {
+            cause: TripCause::SampleBackwards,
+            begin: |w| {
+                w.sample.tick += 1;
+                w.interlock.observe_sample(&w.sample);
+            },
+            end: once,
+            within: [1, 1],
+        },
+        Fault {
+            cause: TripCause::SampleBackwards,
+            begin: |w| {
+                w.sample.tick += 1;
+                w.interlock.observe_sample(&Sample { sequence: w.sample.sequence - 1, ..w.sample });
+            },
+            end: once,
+            within: [1, 1],
+        },
+        Fault {
+            cause: TripCause::SampleBackwards,
+            begin: |w| {
+                w.sample.sequence += 1;
+                w.interlock.observe_sample(&Sample { tick: w.sample.tick - 1, ..w.sample });
+            },
+            end: once,
+            within: [1, 1],
+        },
+        Fault {
+            cause: TripCause::CommandBackwards,
+            begin: |w| w.interlock.observe_command(&w.command),
+            end: once,
+            within: [1, 1],
+        },
     ]
 }
 

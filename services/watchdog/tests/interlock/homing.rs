@@ -62,9 +62,9 @@ fn sr_28_an_unhomed_axis_has_the_limits_of_the_search() {
 #[test]
 fn sr_28_power_ends_after_the_time_of_the_search() {
     let mut world = unhomed(|_| ());
-    world.cycles(460);
-    assert_eq!(tripped(&world), None);
-    world.cycles(40);
+    world.cycles(470);
+    assert_eq!(tripped(&world), None, "500 ms after enable");
+    world.cycle();
     assert_eq!(tripped(&world), Some(TripCause::HomingTime));
     // Homed in time, the rig keeps its power.
     let mut world = unhomed(|_| ());

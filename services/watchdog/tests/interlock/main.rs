@@ -2,12 +2,14 @@
 //! properties.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
+mod axes;
 mod checked;
 mod exhaustive;
 mod faults;
 mod homing;
 mod plausibility;
 mod properties;
+mod times;
 #[path = "../../../runtime/tests/gate/walk.rs"]
 mod walk;
 mod world;
@@ -51,6 +53,21 @@ fn sr_12_gate_latched_before_it_opened_trips_an_earlier_latched_epoch_does_not()
 }
 
 #[test]
+fn sr_12_a_gate_that_waits_in_this_epoch_trips_nothing() {
+    let mut world = World::in_state(Profile::Realtime, WatchdogState::Armed);
+    world.verb(Verb::Enable).unwrap();
+    world.gate_obeys = false;
+    world.step();
+    world.sample.epoch = world.token.epoch;
+    world.sample.gate_state = GateState::Closed.code();
+    world.cycles(15);
+    assert_eq!(world.interlock.state(), WatchdogState::Enabled, "no command yet");
+    world.sample.gate_state = GateState::Open.code();
+    world.cycles(100);
+    assert_eq!(world.interlock.state(), WatchdogState::Enabled);
+}
+
+#[test]
 fn sr_12_gate_that_does_not_open_trips() {
     for (profile, within) in [(Profile::Realtime, 20), (Profile::BestEffort, 150)] {
         let mut world = World::in_state(profile, WatchdogState::Armed);
@@ -73,7 +90,7 @@ fn sr_13_lost_echo_trips() {
             let mut world = World::in_state(profile, WatchdogState::Enabled);
             let old = world.token.sequence;
             let mut cycles = 0;
-            while world.interlock.state() == WatchdogState::Enabled {
+            while world.interlock.state() == WatchdogState::Enabled && cycles < 200 {
                 world.now += MS;
                 let token = world.token.sequence;
                 if from_sample {
@@ -296,6 +313,7 @@ fn sr_17_token_names_whom_it_is_for_and_how_long_it_holds() {
         assert_eq!((token.acquisition_incarnation, token.control_incarnation), (21, 41));
         assert_eq!((token.issued_ns, token.valid_until_ns), (world.now, world.now + life));
         assert_eq!((token.sample_tick, token.faults), (world.sample.tick, 0));
+        assert_eq!((token.time_ns, token.profile), (world.now, profile.code()));
     }
 }
 

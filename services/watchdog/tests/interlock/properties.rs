@@ -5,6 +5,7 @@ use proptest::prelude::*;
 use watchdog::interlock::{Interlock, Peers};
 
 use crate::checked::{Act, Checked};
+use crate::walk::cases;
 use crate::world::{SESSION, config};
 
 fn number() -> impl Strategy<Value = f64> {
@@ -45,7 +46,7 @@ fn act() -> impl Strategy<Value = Act> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(1_000))]
+    #![proptest_config(ProptestConfig::with_cases(cases(1_000)))]
 
     /// Whatever happens: Enabled is reached by reset, arm, enable in this order after the last
     /// fault and never otherwise; a token is enabled only in Enabled and only without a fault;

@@ -1,17 +1,23 @@
 //! A simulated rig round the interlock: a card, a gate and a control process.
 
+use std::sync::LazyLock;
+
 use ipc_types::program_flow::{ACQUISITION_CYCLE, CONTROL_CYCLE, Checkpoint, signature};
 use ipc_types::{
     CardKind, EnableToken, GateState, MotorCommand, Profile, Sample, Verb, WatchdogState,
 };
+use rig::RigFile;
 use watchdog::interlock::{Config, Interlock, Outputs, Peers, Refusal, TorqueInput};
 
 pub(crate) const MS: u64 = 1_000_000;
 pub(crate) const SESSION: u64 = 11;
 pub(crate) const COUNT: f64 = std::f64::consts::TAU / 4000.0;
 
+/// The rig file that all configurations begin with; it is read once.
+static RIG: LazyLock<RigFile> = LazyLock::new(|| rig::load_rig("hydrostatic".as_ref()).unwrap());
+
 pub(crate) fn config(profile: Profile) -> Config {
-    let mut rig = rig::load_rig("hydrostatic".as_ref()).unwrap();
+    let mut rig = RIG.clone();
     let mut axis = rig.axes[0].clone();
     axis.limits = rig::Limits {
         position_min: -1.0,
