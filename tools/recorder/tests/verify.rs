@@ -86,7 +86,7 @@ fn verify_tells_each_kind_of_loss_and_its_topic() {
     let expected = format!(
         "{}: DATA LOST\n  sample: 1,001 messages; 1,200 missing in 2 places; 3 dropped or refused \
          by the logger; 1 repeated or out of order\n  sample: ticks 1000 to 3199, 1,200 missing in \
-         2 places, 1 not ascending\n",
+         2 places, 1 not ascending, none filled in late\n",
         dir.text("holes.mcap")
     );
     assert_eq!((code, text), (DATA_LOST, expected));
