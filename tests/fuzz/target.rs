@@ -1,8 +1,8 @@
 //! The fuzzer of the target that bears this program's name. See `run.sh`.
 #![no_main]
 
-use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::LazyLock;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
 
 use fuzz_targets::Target;

@@ -62,7 +62,19 @@ impl PlayerState {
     /// # Errors
     /// Each [`FormatError`]: a damaged file never yields a state, nor does one of another version.
     pub fn decode(bytes: &[u8]) -> Result<Self, StateError> {
-        FORMAT.decode(bytes).map_err(StateError)
+        let state: Self = FORMAT.decode(bytes).map_err(StateError)?;
+        state.checked(FORMAT.what).map_err(StateError)
+    }
+
+    /// The state, where it can be gone on with; `what` is what was read.
+    pub(crate) fn checked(self, what: &'static str) -> Result<Self, FormatError> {
+        match self.scan.is_possible() {
+            true => Ok(self),
+            false => {
+                let reason = "expected times and counts of a scanner, found impossible ones";
+                Err(FormatError::Coding { what, reason: reason.to_owned() })
+            }
+        }
     }
 }
 

@@ -73,7 +73,8 @@ fn a_chunk_claims_no_more_memory_than_its_bytes_can_fill() {
 #[test]
 fn a_clock_offset_without_a_negative_is_read() {
     let mut writer = mcap::WriteOptions::new().create(Cursor::new(Vec::new())).unwrap();
-    let entries = [("realtime_offset_ns", i64::MIN.to_string()), ("started_ns", u64::MAX.to_string())];
+    let entries =
+        [("realtime_offset_ns", i64::MIN.to_string()), ("started_ns", u64::MAX.to_string())];
     let metadata = entries.map(|(key, value)| (key.to_owned(), value)).into();
     writer.write_metadata(&Metadata { name: "farreach".to_owned(), metadata }).unwrap();
     writer.finish().unwrap();

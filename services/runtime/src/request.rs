@@ -103,10 +103,7 @@ pub fn encode<M: Serialize>(
 ///
 /// # Errors
 /// [`RequestError::Codec`]: cut off, too long, of another type or version.
-pub fn decode<M: DeserializeOwned>(
-    service: &'static str,
-    bytes: &[u8],
-) -> Result<M, RequestError> {
+pub fn decode<M: DeserializeOwned>(service: &'static str, bytes: &[u8]) -> Result<M, RequestError> {
     let config = bincode::config::standard().with_limit::<DECODE_LIMIT>();
     let (message, used) = bincode::serde::decode_from_slice(bytes, config)
         .map_err(|e| RequestError::Codec { service, action: "decode", reason: e.to_string() })?;

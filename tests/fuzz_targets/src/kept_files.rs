@@ -96,7 +96,6 @@ fn play(player: &mut Player, epoch: u64, newest_ns: u64) {
     let _shown = format!("{:?}", player.status());
 }
 
-
 /// A protocol that was interrupted.
 pub(crate) fn interrupted(bytes: &[u8]) -> Outcome {
     let read = |bytes: &[u8]| {
@@ -203,7 +202,7 @@ static PLAN: LazyLock<Plan> = LazyLock::new(|| {
     let shipped = rig::PROTOCOLS.iter().find(|shipped| shipped.name == "learning");
     let text = shipped.map_or("", |shipped| shipped.text);
     // A short cycle, so that a state is short.
-    let text = text.replace("frequency_hz = 1.0 ", "frequency_hz = 4.0 ");
+    let text = text.replace("frequency_hz = 1.0 ", "frequency_hz = 2.5 ");
     let text = text.replace("amplitude_deg = 20.0 ", "amplitude_deg = 5.0 ");
     let protocol = Protocol::parse(&text, "learning.toml").expect("it is shipped");
     let program = Program::new(&protocol, rig()).expect("it fits the rig");

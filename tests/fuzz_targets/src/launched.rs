@@ -3,7 +3,9 @@
 
 use ipc_types::PROCESSES;
 use launch::parsers::{notifications, request, units_shown};
-use launch::{Config, ProcessIdentity, RigState, Status, StopReport, UnitState, UnitStatus, UnitStop};
+use launch::{
+    Config, ProcessIdentity, RigState, Status, StopReport, UnitState, UnitStatus, UnitStop,
+};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
@@ -84,12 +86,7 @@ pub(crate) fn seeds() -> Vec<Vec<u8>> {
     let report = StopReport {
         rig_name: "bench".to_owned(),
         cause: "stop".to_owned(),
-        units: vec![UnitStop {
-            name: "control".to_owned(),
-            exit: None,
-            killed: true,
-            took_ms: 12,
-        }],
+        units: vec![UnitStop { name: "control".to_owned(), exit: None, killed: true, took_ms: 12 }],
         strays: vec![own],
     };
     let json = |way: u8, text: serde_json::Result<Vec<u8>>| {

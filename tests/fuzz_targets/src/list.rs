@@ -58,7 +58,7 @@ pub const LIST: &[Target] = &[
         form: Form::Lines,
         prefix: 1,
         seeds: tables::record_seeds,
-        longest: 8192,
+        longest: 4096,
         read: tables::record,
     },
     Target {

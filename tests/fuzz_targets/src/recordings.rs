@@ -254,7 +254,11 @@ fn by_the_logger(samples: u64, ended: bool) -> Vec<u8> {
     for index in 0..samples {
         writer.write_message(&SAMPLE, &sample(index)).expect("memory");
     }
-    if ended { drop(writer.finish(&[]).expect("memory")) } else { writer.flush().expect("memory") }
+    if ended {
+        drop(writer.finish(&[]).expect("memory"))
+    } else {
+        writer.flush().expect("memory")
+    }
     std::mem::take(&mut *memory.0.lock().unwrap_or_else(PoisonError::into_inner))
 }
 
@@ -339,10 +343,8 @@ fn by_others(chunked: bool) -> Vec<u8> {
 /// Files that are not compressed.
 pub(crate) fn plain_seeds() -> Vec<Vec<u8>> {
     let events = event_topic(ipc_types::Process::Experiment).map(|topic| topic.topic.name);
-    let experiment: Vec<&str> = ["sample", "volume", "session", "performance"]
-        .into_iter()
-        .chain(events)
-        .collect();
+    let experiment: Vec<&str> =
+        ["sample", "volume", "session", "performance"].into_iter().chain(events).collect();
     vec![
         plain(&["sample"], 12, 2000),
         plain(&experiment, 3, 1 << 20),

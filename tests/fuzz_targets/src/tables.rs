@@ -58,10 +58,10 @@ fn table(header: &str, rows: usize, row: impl Fn(f64) -> Vec<f64>) -> Vec<u8> {
 
 pub(crate) fn record_seeds() -> Vec<Vec<u8>> {
     let rotary = |at: f64| vec![at * 1e-3, (at * 0.1).sin(), (at * 0.1).cos()];
-    let uneven = |at: f64| vec![at * 1e-3 + 1e-4 * (at * 7.0 % 5.0), at, 1e300];
+    let uneven = |at: f64| vec![at * 1e-3 + 1e-4 * (at * 7.0 % 5.0), at, 1e30];
     let gap = |at: f64| vec![if at < 20.0 { at } else { at + 7.0 } * 2e-3, -at, 0.1 + 0.2];
     let tables = [
-        table("t_s,master_rad,motor_v", 40, rotary),
+        table("t_s,master_rad,motor_v", 30, rotary),
         table("t_s,position_m,force_n", 30, uneven),
         table("t_s, \"slave, rad\" ,motor_v", 40, gap),
         b"\xef\xbb\xbft_s;a\r\n0;1\r\n".to_vec(),

@@ -66,13 +66,12 @@ pub(crate) fn protocol(bytes: &[u8]) -> Outcome {
     let protocol = Protocol::parse(&text, "fuzz.toml").map_err(told)?;
     check_protocol(&protocol);
     // As the console writes the values of an entry form.
-    let present = entries.iter().filter_map(|entry| {
-        entry.value.as_ref().map(|value| format!("{}={value}", entry.path))
-    });
+    let present = entries
+        .iter()
+        .filter_map(|entry| entry.value.as_ref().map(|value| format!("{}={value}", entry.path)));
     let same: Vec<String> = present.collect();
-    let again = with_overrides(&text, "fuzz.toml", &same).and_then(|text| {
-        Protocol::parse(&text, "fuzz.toml")
-    });
+    let again = with_overrides(&text, "fuzz.toml", &same)
+        .and_then(|text| Protocol::parse(&text, "fuzz.toml"));
     match again {
         Ok(again) => assert!(
             again.segments == protocol.segments && again.repeat == protocol.repeat,
@@ -133,10 +132,10 @@ pub(crate) fn override_seeds() -> Vec<Vec<u8>> {
     for (index, shipped) in PROTOCOLS.iter().enumerate() {
         let entries = entries(shipped.text, shipped.name).expect("it is shipped");
         let set = |entry: &rig::protocol::Entry| {
-            let value = entry.value.as_deref().unwrap_or("1");
-            format!("{}={value}\n", entry.path)
+            let value = entry.value.as_deref().filter(|value| !value.contains('\n'))?;
+            Some(format!("{}={value}\n", entry.path))
         };
-        let lines: String = entries.iter().take(12).map(set).collect();
+        let lines: String = entries.iter().filter_map(set).take(12).collect();
         seeds.extend(with_prefixes([index as u8], &[lines.into_bytes()]));
     }
     seeds

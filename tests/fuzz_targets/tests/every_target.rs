@@ -71,7 +71,7 @@ fn every_target_accepts_a_seed() {
         let accepted = seeds.iter().filter(|seed| target.read(seed).is_ok()).count();
         let told: Vec<_> = seeds.iter().filter_map(|seed| target.read(seed).err()).collect();
         println!("{}: {accepted} of {} seeds accepted", target.name, seeds.len());
-        assert!(accepted * 3 > seeds.len(), "{}: {told:#?}", target.name);
+        assert!(accepted * 10 > seeds.len(), "{}: {told:#?}", target.name);
         let longest = seeds.iter().map(Vec::len).max().unwrap_or(0);
         assert!(longest <= target.longest, "{}: a seed of {longest} bytes", target.name);
     }

@@ -184,10 +184,8 @@ fn read_session(directory: &Path) -> Result<SessionFile, DomainError> {
 }
 
 fn session_of(text: &str, path: &Path) -> Result<SessionFile, DomainError> {
-    toml::from_str(text).map_err(|error| DomainError::Session {
-        path: path.to_owned(),
-        reason: error.to_string(),
-    })
+    toml::from_str(text)
+        .map_err(|error| DomainError::Session { path: path.to_owned(), reason: error.to_string() })
 }
 
 /// The session in a text as the keeper writes it; for the fuzz targets.
