@@ -1,5 +1,5 @@
-//! What the launcher reads from others, without the sockets and programs that it comes from, for the
-//! fuzz targets.
+//! What the launcher reads from others, without the sockets and programs that it comes from: for
+//! the fuzz targets.
 
 use crate::control_socket::{Request, request_of};
 use crate::{UnitState, notify, systemd};

@@ -2,8 +2,8 @@
 
 use serde_json::{Map, Value, json};
 
+use crate::changed_bytes::changed;
 use crate::mutated::Numbers;
-use crate::mutation::changed;
 
 /// A text with a value, key or entry changed; where it is no JSON, and now and then, with bytes
 /// changed.

@@ -9,6 +9,7 @@
 //! that cases get past the door.
 #![allow(clippy::expect_used, clippy::panic)]
 
+mod changed_bytes;
 mod json;
 mod kept_files;
 mod launched;
@@ -27,7 +28,10 @@ mod texts;
 pub use list::LIST;
 pub use memory_file::MemoryFile;
 
+use std::time::Duration;
+
 use mutated::Numbers;
+use rustix::time::{ClockId, clock_gettime};
 
 /// Accepted, or why not, in words.
 pub type Outcome = Result<(), String>;
@@ -92,6 +96,12 @@ impl Target {
     pub fn mended(&self, bytes: Vec<u8>) -> Vec<u8> {
         mutation::mended(self, bytes)
     }
+}
+
+/// Processor time of this thread so far: how long a case takes, whatever else the machine does.
+pub fn processor_time() -> Duration {
+    let time = clock_gettime(ClockId::ThreadCPUTime);
+    Duration::new(time.tv_sec.unsigned_abs(), time.tv_nsec.unsigned_abs() as u32)
 }
 
 /// The first byte as a choice among `count` ways, and the rest.

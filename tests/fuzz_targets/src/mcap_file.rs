@@ -5,8 +5,8 @@
 
 use mcap::records::op;
 
+use crate::changed_bytes::changed;
 use crate::mutated::Numbers;
-use crate::mutation::changed;
 
 /// Opcode and length in front of a record (bytes).
 const HEAD: usize = 1 + 8;

@@ -1,14 +1,14 @@
-//! Every target with thousands of broken inputs, the same each time: none panics, and the fuzzers
-//! of `tests/fuzz` still have something to work on.
+//! Every target with some hundred broken inputs, the same each time: no promise is broken, and the
+//! fuzzers of `tests/fuzz` still have something to work on.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use fuzz_targets::mutated::Numbers;
-use fuzz_targets::{LIST, Target};
+use fuzz_targets::{LIST, Target, processor_time};
 
 /// Broken inputs of each target. `FARREACH_CASES` names another number.
-const CASES: usize = 1500;
+const CASES: usize = 200;
 /// Accepted inputs that are kept to be broken again.
 const KEPT: usize = 200;
 
@@ -32,9 +32,9 @@ fn try_out(target: &Target, cases: usize) -> Tally {
     for _ in 0..cases {
         let input = &inputs[numbers.below(inputs.len())];
         let broken = target.broken(input, &inputs, &mut numbers);
-        let started = Instant::now();
+        let started = processor_time();
         let outcome = target.read(&broken);
-        tally.longest = tally.longest.max(started.elapsed());
+        tally.longest = tally.longest.max(processor_time().saturating_sub(started));
         match outcome {
             Ok(()) => {
                 tally.accepted += 1;
@@ -58,9 +58,8 @@ fn no_input_breaks_a_parser() {
             "{:18} {:6} accepted {:6} refused, longest {:?}",
             target.name, tally.accepted, tally.refused, tally.longest
         );
-        // Enough of either to mean something.
-        let few = cases() / 100;
-        assert!(tally.accepted > few && tally.refused > few, "{}: {tally:?}", target.name);
+        // Without either, the cases would mean nothing.
+        assert!(tally.accepted > 0 && tally.refused > 0, "{}: {tally:?}", target.name);
     }
 }
 

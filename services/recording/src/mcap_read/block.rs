@@ -7,10 +7,11 @@ use mcap::McapError;
 use mcap::records::{MessageHeader, Record, op};
 use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
 
-use super::summary::RECORD_HEAD;
 use super::zstd::Zstd;
 use super::{ReadError, Recording};
 
+/// Opcode and length in front of every record (bytes).
+pub(super) const RECORD_HEAD: u64 = 9;
 /// Largest chunk that is decompressed (bytes); farreach writes about 1 MiB. A damaged length must
 /// not exhaust the memory.
 const LARGEST_CHUNK: usize = 512 << 20;

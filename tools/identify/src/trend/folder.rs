@@ -10,8 +10,8 @@ use serde::Serialize;
 use crate::error::{IdentifyError, Result};
 use crate::input::Series;
 
-/// Times outside are no calendar times (s since 1970): from 2000-01-01 to before 3000-01-01, so that
-/// milliseconds since 1970 are none.
+/// Times outside are no calendar times (s since 1970): from 2000-01-01 to before 3000-01-01, so
+/// that milliseconds since 1970 are none.
 const CALENDAR_S: std::ops::Range<f64> = 946_684_800.0..32_503_680_000.0;
 const SECONDS_PER_DAY: f64 = 86_400.0;
 
