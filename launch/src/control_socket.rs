@@ -115,8 +115,7 @@ impl ControlServer {
             }
             while let Some(end) = client.received.iter().position(|byte| *byte == b'\n') {
                 let line: Vec<u8> = client.received.drain(..=end).collect();
-                let request = serde_json::from_slice(&line)
-                    .map_err(|error| format!("not a request: {error}"));
+                let request = request_of(&line);
                 client.wants_report |= request == Ok(Request::Stop);
                 requests.push((index, request));
             }
@@ -136,6 +135,11 @@ impl ControlServer {
             let _ = send(&mut client.stream, &Answer::Stopped { report: report.clone() });
         }
     }
+}
+
+/// Reads a line as a request.
+pub(crate) fn request_of(line: &[u8]) -> Result<Request, String> {
+    serde_json::from_slice(line).map_err(|error| format!("not a request: {error}"))
 }
 
 /// Only this user and root may connect: root can enter a directory of mode 0700.

@@ -30,6 +30,8 @@ mod identity;
 pub mod lifecycle;
 mod log;
 mod notify;
+#[doc(hidden)]
+pub mod parsers;
 mod process;
 mod run_dir;
 mod scheduling;

@@ -65,15 +65,17 @@ impl NotifySocket {
                 pid = credentials.pid.as_raw_nonzero().get();
             }
         }
-        Some((pid, parse(&String::from_utf8_lossy(&bytes[..received.bytes]))))
+        Some((pid, parse(&bytes[..received.bytes])))
     }
 }
 
 /// Longest status text that is kept (characters).
 const STATUS_CHARACTERS: usize = 200;
 
-fn parse(text: &str) -> Vec<Notification> {
-    text.lines()
+/// The notifications in a datagram.
+pub(crate) fn parse(datagram: &[u8]) -> Vec<Notification> {
+    String::from_utf8_lossy(datagram)
+        .lines()
         .filter_map(|line| match line.split_once('=')? {
             ("READY", "1") => Some(Notification::Ready),
             ("WATCHDOG", "1") => Some(Notification::KeepAlive),
@@ -93,7 +95,7 @@ mod tests {
     fn known_notifications_are_parsed() {
         let text = "READY=1\nSTATUS=best-effort\nWATCHDOG=1\nMAINPID=4\nnonsense\n";
         assert_eq!(
-            parse(text),
+            parse(text.as_bytes()),
             [
                 Notification::Ready,
                 Notification::Status("best-effort".to_owned()),

@@ -166,7 +166,22 @@ pub(crate) fn unix_ms() -> u64 {
     u64::try_from(since.as_millis()).unwrap_or(u64::MAX)
 }
 
-/// `2026-01-02T03:04:05Z` from ms since 1970.
+/// Last ms of the year 9999: later times have no date to be written.
+const LAST_MS: u64 = 253_402_300_799_999;
+
+/// `2026-01-02T03:04:05Z` from ms since 1970; the end of the year 9999 for later ones.
 pub(crate) fn utc(unix_ms: u64) -> String {
+    let unix_ms = unix_ms.min(LAST_MS);
     humantime::format_rfc3339_seconds(UNIX_EPOCH + Duration::from_millis(unix_ms)).to_string()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn any_time_has_a_date() {
+        assert_eq!(utc(1_767_323_045_999), "2026-01-02T03:04:05Z");
+        assert_eq!(utc(u64::MAX), "9999-12-31T23:59:59Z");
+    }
 }

@@ -4,7 +4,7 @@
 //! By that, [`crate::status`], [`crate::stop`], [`crate::restart`] and [`crate::change`] find out
 //! whom to ask; their callers need not know.
 
-mod show;
+pub(crate) mod show;
 
 use std::collections::BTreeMap;
 use std::io;

@@ -5,6 +5,7 @@
 pub struct Numbers(pub u64);
 
 impl Numbers {
+    /// A number from 0 to below `bound`, which is not 0.
     pub fn below(&mut self, bound: usize) -> usize {
         self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
         (self.0 >> 33) as usize % bound

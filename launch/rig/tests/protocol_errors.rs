@@ -324,3 +324,12 @@ fn a_table_is_taken_in_and_its_rows_are_checked() {
     ];
     insta::assert_snapshot!(bad.join("\n"));
 }
+
+/// Half a thousand million segments with their repeats: gone through one by one, that took minutes.
+#[test]
+fn too_many_repeats_are_told_without_going_through_them() {
+    let segment = "[[segments]]\nkind = \"hold\"\nduration_s = 1.0\nrepeat = 1000\n";
+    let text = format!("[protocol]\nname = \"p\"\nrepeat = 1000\n\n{}", segment.repeat(500));
+    let error = Protocol::parse(&text, "p.toml").unwrap_err().to_string();
+    assert!(error.contains("at most 10000 segments") && error.contains("500000000"), "{error}");
+}

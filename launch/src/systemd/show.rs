@@ -6,12 +6,12 @@ use crate::lifecycle::Exit;
 use crate::status::UnitState;
 
 /// The properties that are read.
-pub(super) const PROPERTIES: &str = "Id,ActiveState,SubState,MainPID,NRestarts,ExecMainCode,\
+pub(crate) const PROPERTIES: &str = "Id,ActiveState,SubState,MainPID,NRestarts,ExecMainCode,\
     ExecMainStatus,StatusText,StateChangeTimestampMonotonic";
 
 /// What systemd says of a unit.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub(super) struct Shown {
+pub(crate) struct Shown {
     active: String,
     sub: String,
     /// How the main process ended: `CLD_EXITED`, `CLD_KILLED`, `CLD_DUMPED`; 0 while it runs.
@@ -19,18 +19,18 @@ pub(super) struct Shown {
     /// With which code, or by which signal.
     exit_status: i32,
     /// Its main process; 0 if there is none.
-    pub(super) pid: i32,
+    pub(crate) pid: i32,
     /// Starts after the first.
-    pub(super) restarts: u32,
+    pub(crate) restarts: u32,
     /// `STATUS=` of the process.
-    pub(super) status_text: Option<String>,
+    pub(crate) status_text: Option<String>,
     /// When it entered this state (µs, `CLOCK_MONOTONIC`).
-    pub(super) changed_us: u64,
+    pub(crate) changed_us: u64,
 }
 
 impl Shown {
     /// The state in the launcher's words.
-    pub(super) fn state(&self) -> UnitState {
+    pub(crate) fn state(&self) -> UnitState {
         match (self.active.as_str(), self.sub.as_str()) {
             ("active" | "reloading", _) => UnitState::Ready,
             ("activating", "auto-restart" | "auto-restart-queued") => UnitState::BackOff,
@@ -45,7 +45,7 @@ impl Shown {
     }
 
     /// How its last process ended, in the launcher's words; `None` while one runs.
-    pub(super) fn exit(&self) -> Option<String> {
+    pub(crate) fn exit(&self) -> Option<String> {
         let exit = match self.exit_code {
             libc::CLD_EXITED => Exit::Code(self.exit_status),
             libc::CLD_KILLED | libc::CLD_DUMPED => Exit::Signal(self.exit_status),
@@ -71,7 +71,7 @@ impl Shown {
 }
 
 /// The blocks of the output, by `Id`; they are parted by empty lines.
-pub(super) fn parse(text: &str) -> BTreeMap<String, Shown> {
+pub(crate) fn parse(text: &str) -> BTreeMap<String, Shown> {
     let block = |text: &str| {
         let pairs = || text.lines().filter_map(|line| line.split_once('='));
         let (_, id) = pairs().find(|(key, _)| *key == "Id")?;

@@ -9,7 +9,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use crossbeam_queue::ArrayQueue;
-use files::Format;
+use files::{Format, FormatError};
 use runtime::Worker;
 
 use crate::homing::HomingState;
@@ -39,11 +39,29 @@ pub(crate) fn read(directory: &Path) -> Result<Option<HomingState>, String> {
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
         Err(error) => return Err(format!("the zeros of the encoders cannot be read: {error}")),
     };
-    FORMAT.decode(&bytes).map(Some).map_err(|error| {
+    HomingState::decode(&bytes).map(Some).map_err(|error| {
         // Where even that fails, the next start tells it again.
         let _ = fs::rename(&path, path.with_extension("damaged"));
         format!("{error}; run `initialise`")
     })
+}
+
+impl HomingState {
+    /// The bytes of the file.
+    ///
+    /// # Errors
+    /// [`FormatError::Coding`] if the encoder fails.
+    pub fn encode(&self) -> Result<Vec<u8>, FormatError> {
+        FORMAT.encode(self)
+    }
+
+    /// The state in the bytes of a file.
+    ///
+    /// # Errors
+    /// Each [`FormatError`]: a damaged file never yields a state, nor does one of another version.
+    pub fn decode(bytes: &[u8]) -> Result<Self, FormatError> {
+        FORMAT.decode(bytes)
+    }
 }
 
 impl HomingFile {
@@ -89,7 +107,7 @@ impl HomingFile {
 }
 
 fn write(path: &Path, state: &HomingState) -> Result<(), String> {
-    let bytes = FORMAT.encode(state).map_err(|error| error.to_string())?;
+    let bytes = state.encode().map_err(|error| error.to_string())?;
     files::replace(path, bytes).map_err(|error| error.to_string())
 }
 

@@ -5,7 +5,7 @@ use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
-use files::Format;
+use files::{Format, FormatError};
 use runtime::clock::ClockPair;
 use serde::{Deserialize, Serialize};
 
@@ -42,6 +42,12 @@ impl Interrupted {
     /// What is being played now.
     pub fn new(state: PlayerState, clocks: &ClockPair) -> Self {
         Self { state, offset_ns: clocks.offset_ns() }
+    }
+
+    /// What is in the bytes of a file.
+    fn decode(bytes: &[u8]) -> Result<Self, FormatError> {
+        let Self { state, offset_ns } = FORMAT.decode(bytes)?;
+        Ok(Self { state: state.checked(FORMAT.what)?, offset_ns })
     }
 
     /// Where it is continued, by the clocks of now. As the scanner may have gone on, its volumes
@@ -105,7 +111,7 @@ impl InterruptedFile {
     pub fn read(&self) -> Result<Option<Interrupted>, String> {
         let path = self.0.display();
         match fs::read(&self.0) {
-            Ok(bytes) => FORMAT.decode(&bytes).map(Some).map_err(|error| {
+            Ok(bytes) => Interrupted::decode(&bytes).map(Some).map_err(|error| {
                 format!("{path}: {error}; delete the file and start the protocol anew")
             }),
             Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),

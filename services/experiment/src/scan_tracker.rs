@@ -1,6 +1,8 @@
 //! Follows the scanner through a protocol: the pulse that a wait is for, the numbers of the
 //! volumes, and segments that keep to the scanner's clock.
 
+mod kept;
+
 use std::collections::VecDeque;
 
 use ipc_types::{LineEvent, ScanProgress, Volume, VolumeSource};
@@ -14,6 +16,8 @@ pub use crate::scan_report::{ScanReport, WaitState};
 /// Reports that wait to be published. Pulses are taken while there is room for twice as many as one
 /// can make.
 const REPORTS: usize = 256;
+/// Pulses of an emulated scanner, or of an open gate, that are taken in one cycle.
+const PULSES_AT_ONCE: u32 = 1000;
 /// Volumes without a pulse that are reported one by one; what is beyond is in the counts.
 const INTERPOLATED: usize = 64;
 /// Time after a resumption in which the pulses since the segment's beginning arrive (ns); until
@@ -246,7 +250,9 @@ impl ScanTracker {
 
     /// Takes the pulses of the emulated scanner, and the volumes of an open gate, up to now.
     pub fn advance(&mut self, now_ns: u64) {
-        while self.has_room()
+        let mut left = PULSES_AT_ONCE;
+        while left > 0
+            && self.has_room()
             && let Pulses::Emulated(emulator) = &self.pulses
             && let Some(emulation) = &mut self.state.emulation
             && let newest_s = emulation.newest_s.unwrap_or(f64::NEG_INFINITY)
@@ -254,6 +260,7 @@ impl ScanTracker {
             && let at_ns = emulation.first_ns.saturating_add((1e9 * next_s).round() as i64)
             && at_ns <= now_ns.cast_signed()
         {
+            left -= 1;
             emulation.newest_s = Some(next_s);
             self.pulse(at_ns.max(0).cast_unsigned(), VolumeSource::Emulated);
         }
@@ -266,10 +273,13 @@ impl ScanTracker {
 
     /// Takes the volumes of an open gate that begin before `until_ns`.
     fn gate_volumes(&mut self, until_ns: u64) {
-        while self.has_room()
+        let mut left = PULSES_AT_ONCE;
+        while left > 0
+            && self.has_room()
             && let (Some(next), Some(clock)) = (self.state.gate_next, &self.state.clock)
             && next < until_ns as f64
         {
+            left -= 1;
             self.state.gate_next = Some(next + 1e9 * clock.series().repetition_s);
             self.pulse(next.round() as u64, VolumeSource::Gate);
         }

@@ -4,10 +4,14 @@ use files::{Format, FormatError};
 use ipc_types::PulseSource;
 use serde::{Deserialize, Serialize};
 
+use crate::ilc_update::IlcState;
 use crate::scan_tracker::ScanState;
 use crate::session_state::SessionState;
 
 const FORMAT: Format = Format { what: "state of the experiment", mark: *b"FRPS", version: 6 };
+
+/// The file that holds the state of a learning run.
+const LEARNING: Format = Format { what: "state of learning", mark: *b"FRLS", version: 1 };
 
 /// Progress of a protocol: its text, and the segment being played.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -58,6 +62,36 @@ impl PlayerState {
     /// # Errors
     /// Each [`FormatError`]: a damaged file never yields a state, nor does one of another version.
     pub fn decode(bytes: &[u8]) -> Result<Self, StateError> {
-        FORMAT.decode(bytes).map_err(StateError)
+        let state: Self = FORMAT.decode(bytes).map_err(StateError)?;
+        state.checked(FORMAT.what).map_err(StateError)
+    }
+
+    /// The state, where it can be gone on with; `what` is what was read.
+    pub(crate) fn checked(self, what: &'static str) -> Result<Self, FormatError> {
+        match self.scan.is_possible() {
+            true => Ok(self),
+            false => {
+                let reason = "expected times and counts of a scanner, found impossible ones";
+                Err(FormatError::Coding { what, reason: reason.to_owned() })
+            }
+        }
+    }
+}
+
+impl IlcState {
+    /// Encodes the state.
+    ///
+    /// # Errors
+    /// [`FormatError::Coding`] if the encoder fails.
+    pub fn encode(&self) -> Result<Vec<u8>, FormatError> {
+        LEARNING.encode(self)
+    }
+
+    /// Decodes a state.
+    ///
+    /// # Errors
+    /// Each [`FormatError`]: a damaged file never yields a state, nor does one of another version.
+    pub fn decode(bytes: &[u8]) -> Result<Self, FormatError> {
+        LEARNING.decode(bytes)
     }
 }

@@ -47,7 +47,7 @@ pub mod placement;
 mod ports;
 mod process_watch;
 pub mod realtime;
-mod request;
+pub mod request;
 mod service;
 mod shared_memory;
 mod stale_cleanup;
@@ -56,6 +56,8 @@ mod wake_lateness;
 mod worker;
 
 pub use bare_loop::{bind, own_processors};
+#[doc(hidden)]
+pub use domain::check_session;
 pub use domain::{Domain, DomainError, Keeper, RigName, shared_memory_room};
 pub use grid::{Grid, Wake};
 pub use host_stall::{HostStall, MEASURED_FOR, STOLEN_PPM};

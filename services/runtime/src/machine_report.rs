@@ -151,11 +151,19 @@ impl MachineReport {
             Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
             Err(source) => return Err(ReportError::Io { path, source }),
         };
-        let unreadable = |reason: String| ReportError::Unreadable { path: path.clone(), reason };
+        Self::parse(&text, &path).map(Some)
+    }
+
+    /// The report in the text of a file; `path` is for messages.
+    ///
+    /// # Errors
+    /// [`ReportError::Unreadable`].
+    pub fn parse(text: &[u8], path: &Path) -> Result<Self, ReportError> {
+        let unreadable = |reason: String| ReportError::Unreadable { path: path.to_owned(), reason };
         let report: Self =
-            serde_json::from_slice(&text).map_err(|error| unreadable(error.to_string()))?;
+            serde_json::from_slice(text).map_err(|error| unreadable(error.to_string()))?;
         match report.layout {
-            LAYOUT => Ok(Some(report)),
+            LAYOUT => Ok(report),
             other => Err(unreadable(format!("found layout {other}"))),
         }
     }

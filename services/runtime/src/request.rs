@@ -77,7 +77,14 @@ fn failed<E: std::fmt::Debug>(
     move |error| RequestError::Library { service, action, reason: format!("{error:?}") }
 }
 
-fn encode<M: Serialize>(service: &CommandService, message: &M) -> Result<Vec<u8>, RequestError> {
+/// The bytes of a question or an answer.
+///
+/// # Errors
+/// [`RequestError::Codec`], [`RequestError::TooLong`].
+pub fn encode<M: Serialize>(
+    service: &CommandService,
+    message: &M,
+) -> Result<Vec<u8>, RequestError> {
     let bytes =
         bincode::serde::encode_to_vec(message, bincode::config::standard()).map_err(|e| {
             RequestError::Codec { service: service.name, action: "encode", reason: e.to_string() }
@@ -92,7 +99,11 @@ fn encode<M: Serialize>(service: &CommandService, message: &M) -> Result<Vec<u8>
     Ok(bytes)
 }
 
-fn decode<M: DeserializeOwned>(service: &'static str, bytes: &[u8]) -> Result<M, RequestError> {
+/// The question or answer in these bytes; `service` is for messages.
+///
+/// # Errors
+/// [`RequestError::Codec`]: cut off, too long, of another type or version.
+pub fn decode<M: DeserializeOwned>(service: &'static str, bytes: &[u8]) -> Result<M, RequestError> {
     let config = bincode::config::standard().with_limit::<DECODE_LIMIT>();
     let (message, used) = bincode::serde::decode_from_slice(bytes, config)
         .map_err(|e| RequestError::Codec { service, action: "decode", reason: e.to_string() })?;

@@ -75,6 +75,11 @@ pub struct Counts {
 /// Shortest and longest repetition time of a scan (s).
 pub const REPETITION_S: (f64, f64) = (0.02, 60.0);
 
+/// Highest count, and latest time (ns), of a state that was kept.
+const MOST: u64 = 1 << 62;
+/// Least repetition time that the pulses of a scan can have shown (ns).
+const LEAST_REPETITION_NS: f64 = 1e6;
+
 /// Gains of the alpha-beta filter that follows the scanner's clock, in the long run: white jitter
 /// of the pulses reaches its phase at 0.4 of its size. By the Benedict-Bordner relation the second
 /// would be 0.022.
@@ -246,6 +251,28 @@ impl VolumeClock {
 
     fn is_beyond(&self, index: u64) -> bool {
         self.series.volumes.is_some_and(|volumes| index >= volumes)
+    }
+
+    /// Whether a clock can have come to this state: one that was kept, and is read again, may be
+    /// anything.
+    pub fn is_possible(&self) -> bool {
+        let Series { repetition_s, volumes, tolerance_s } = self.series;
+        let Counts { volumes: counted, missed, spurious, surplus, restarts } = self.counts;
+        let counts = [volumes.unwrap_or(0), counted, missed, spurious, surplus, restarts];
+        let (shortest, longest) = REPETITION_S;
+        let phase = self.phase.is_none_or(|phase| {
+            let times = [phase.due_ns, phase.off_ns, phase.at_ns, phase.repetition_ns];
+            times.iter().all(|time| time.abs() <= MOST as f64)
+                && phase.repetition_ns >= LEAST_REPETITION_NS
+                && phase.index <= MOST
+                && counted > 0
+        });
+        (shortest..=longest).contains(&repetition_s)
+            && (0.0..=longest).contains(&tolerance_s)
+            && counts.into_iter().all(|count| count <= MOST)
+            && self.origin_ns.unsigned_abs() <= MOST
+            && self.rejected_ns.is_none_or(|at_ns| at_ns <= MOST && spurious > 0)
+            && phase
     }
 
     /// What is known of the scan in advance.

@@ -177,7 +177,7 @@ fn regular(volumes: Vec<u64>) -> Vec<u64> {
         return volumes;
     }
     let begun = |(at, time): (usize, &VolumeTime)| {
-        time.at_ns.saturating_add_signed(-(1e9 * line.deviation_s(at, time)).round() as i64)
+        time.at_ns.saturating_add_signed((-1e9 * line.deviation_s(at, time)).round() as i64)
     };
     times.iter().enumerate().map(begun).collect()
 }

@@ -50,6 +50,24 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 
 pub use process::{ConsoleError, run};
 
+/// Reads a text as a message of a page and returns its number; nothing is done.
+///
+/// # Errors
+/// The number, 0 where it has none, and what is wrong, in words.
+pub fn check_message(text: &str) -> Result<u64, (u64, String)> {
+    request::parse(text).map(|message| message.id)
+}
+
+/// Reads a text as the state that a console keeps, and returns it as it is written; for the fuzz
+/// targets.
+///
+/// # Errors
+/// What is wrong with it.
+#[doc(hidden)]
+pub fn check_state(text: &[u8]) -> serde_json::Result<String> {
+    run_state::RunState::of(text).and_then(|state| serde_json::to_string(&state))
+}
+
 /// Locks; what a thread that panicked left behind is still whole, as every value is set at once.
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)

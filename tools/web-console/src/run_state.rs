@@ -25,6 +25,16 @@ pub(crate) struct RunState {
     pub(crate) completed: Option<bool>,
 }
 
+impl RunState {
+    /// The state in the text of a file.
+    ///
+    /// # Errors
+    /// What is wrong with it.
+    pub(crate) fn of(text: &[u8]) -> serde_json::Result<Self> {
+        serde_json::from_slice(text)
+    }
+}
+
 /// Files of the sessions.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub(crate) struct Files {
@@ -61,10 +71,9 @@ impl RunStateFile {
     /// If the file cannot be read.
     pub(crate) fn load(&self) -> anyhow::Result<Option<RunState>> {
         match fs::read(&self.0) {
-            Ok(text) => Ok(Some(
-                serde_json::from_slice(&text)
-                    .map_err(|error| anyhow::anyhow!("{}: {error}", self.0.display()))?,
-            )),
+            Ok(text) => RunState::of(&text)
+                .map(Some)
+                .map_err(|error| anyhow::anyhow!("{}: {error}", self.0.display())),
             Err(error) if error.kind() == ErrorKind::NotFound => Ok(None),
             Err(error) => Err(anyhow::anyhow!("cannot read {}: {error}", self.0.display())),
         }

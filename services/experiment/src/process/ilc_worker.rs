@@ -8,7 +8,6 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 
-use files::Format;
 use ipc_types::{Event, EventKind, Process, Severity};
 use learning::store::LearntReference;
 use rtrb::{Consumer, Producer, RingBuffer};
@@ -165,7 +164,7 @@ impl WorkerState {
     /// The state that an earlier process, or this one before a pause, saved.
     fn restore(&mut self, protocol: u64, segment: u32) -> Option<IlcState> {
         let found = match fs::read(&self.file) {
-            Ok(bytes) => FORMAT.decode::<IlcState>(&bytes).map_err(|error| error.to_string()),
+            Ok(bytes) => IlcState::decode(&bytes).map_err(|error| error.to_string()),
             Err(error) if error.kind() == io::ErrorKind::NotFound => {
                 Err("no block was done when it was interrupted".to_owned())
             }
@@ -315,10 +314,7 @@ pub(super) fn find_references(program: &Program, folder: &Path) -> Result<(), St
     Ok(())
 }
 
-/// The file that holds the state of a learning run.
-const FORMAT: Format = Format { what: "state of learning", mark: *b"FRLS", version: 1 };
-
 fn write(path: &Path, state: &IlcState) -> Result<(), String> {
-    let bytes = FORMAT.encode(state).map_err(|error| error.to_string())?;
+    let bytes = state.encode().map_err(|error| error.to_string())?;
     files::replace(path, bytes).map_err(|error| error.to_string())
 }

@@ -3,15 +3,23 @@
 use std::os::unix::fs::FileExt;
 use std::sync::Arc;
 
+use mcap::McapError;
 use mcap::records::{MessageHeader, Record, op};
 use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
 
 use super::zstd::Zstd;
 use super::{ReadError, Recording};
 
+/// Opcode and length in front of every record (bytes).
+pub(super) const RECORD_HEAD: u64 = 9;
 /// Largest chunk that is decompressed (bytes); farreach writes about 1 MiB. A damaged length must
 /// not exhaust the memory.
 const LARGEST_CHUNK: usize = 512 << 20;
+/// Most bytes that a byte of a compressed chunk can stand for: a run in lz4 grows by 255 with each
+/// byte of its length, and four bytes of zstd repeat one byte 128 Ki times.
+const LARGEST_RATIO: [(&str, u64); 2] = [("lz4", 255), ("zstd", 32_768)];
+/// What the head of a compressed chunk may say beyond that (bytes).
+const RATIO_MARGIN: u64 = 64 << 10;
 
 /// A range of the file that holds messages: one chunk, or a run of records outside chunks.
 #[derive(Clone, Debug)]
@@ -116,7 +124,7 @@ impl Recording {
             offset: block.offset,
             source: Box::new(source),
         };
-        let too_large = || damaged(mcap::McapError::ChunkTooLarge(block.length));
+        let too_large = || damaged(McapError::ChunkTooLarge(block.length));
         let length = usize::try_from(block.length)
             .ok()
             .filter(|&n| n <= LARGEST_CHUNK)
@@ -125,8 +133,36 @@ impl Recording {
         self.file
             .read_exact_at(buffer, block.offset)
             .map_err(|source| ReadError::Io { path: self.path().to_owned(), source })?;
+        if block.chunk {
+            check_chunk(buffer).map_err(damaged)?;
+        }
         decode(buffer).map_err(damaged)
     }
+}
+
+/// Checks what the library takes on trust: that a chunk does not claim more memory than its bytes
+/// can fill, and that its last record does not reach beyond it.
+fn check_chunk(bytes: &[u8]) -> mcap::McapResult<()> {
+    let body = bytes.get(RECORD_HEAD as usize..).unwrap_or_default();
+    let Record::Chunk { header, data } = mcap::parse_record(op::CHUNK, body)? else {
+        return Ok(());
+    };
+    if header.compression.is_empty() {
+        let mut rest = &data[..];
+        while let Some((_opcode, after)) = rest.split_first() {
+            let (length, after) = after.split_first_chunk().ok_or(McapError::UnexpectedEoc)?;
+            let length = usize::try_from(u64::from_le_bytes(*length)).unwrap_or(usize::MAX);
+            rest = after.get(length..).ok_or(McapError::UnexpectedEoc)?;
+        }
+        return Ok(());
+    }
+    let named = |(name, _): &&(&str, u64)| *name == header.compression;
+    let ratio = LARGEST_RATIO.iter().find(named).map_or(u64::MAX, |(_, ratio)| *ratio);
+    let most = (data.len() as u64).saturating_mul(ratio).saturating_add(RATIO_MARGIN);
+    if header.uncompressed_size > most {
+        return Err(McapError::ChunkTooLarge(header.uncompressed_size));
+    }
+    Ok(())
 }
 
 /// Decodes a range of complete records; chunks only when their checksum is right.

@@ -281,7 +281,7 @@ impl Recording {
     /// farreach did not write.
     pub fn began_monotonic_ns(&self) -> u64 {
         let offset_ns = self.realtime_offset_ns().unwrap_or(0);
-        self.began_ns().and_then(|began| began.checked_add_signed(-offset_ns)).unwrap_or(0)
+        self.began_ns().and_then(|began| began.checked_sub_signed(offset_ns)).unwrap_or(0)
     }
     /// Whether it ended cleanly; of several parts in one file, whether each did.
     pub fn ended_cleanly(&self) -> bool {

@@ -7,8 +7,8 @@ use std::path::Path;
 
 use mcap::records::{Metadata, Record, op};
 
-use super::block::{Block, Definition};
-use super::summary::{self, DataEnd, FOOTER_BODY, RECORD_HEAD, Summary};
+use super::block::{Block, Definition, RECORD_HEAD};
+use super::summary::{self, DataEnd, FOOTER_BODY, Summary};
 use super::{Channel, Damage, DamagedMetadata, ReadError, Recording, Tail};
 use crate::mcap_write::DAMAGED_RECORD;
 use crate::record_checksum;

@@ -13,10 +13,8 @@ use std::os::unix::fs::FileExt;
 use mcap::records::{ChunkIndex, Record, op};
 
 use super::Damage;
-use super::block::{Block, Definition};
+use super::block::{Block, Definition, RECORD_HEAD};
 
-/// Opcode and length in front of every record (bytes).
-pub(super) const RECORD_HEAD: u64 = 9;
 /// Body of a footer: start of the summary, start of its offsets, checksum (bytes).
 pub(super) const FOOTER_BODY: usize = 8 + 8 + 4;
 /// Length of the checksum, which does not cover itself (bytes).

@@ -180,7 +180,22 @@ fn make_node(name: &str) -> Result<Node<ipc::Service>, DomainError> {
 fn read_session(directory: &Path) -> Result<SessionFile, DomainError> {
     let path = directory.join(SESSION);
     let text = fs::read_to_string(&path).map_err(at("reading", &path))?;
-    toml::from_str(&text).map_err(|error| DomainError::Session { path, reason: error.to_string() })
+    session_of(&text, &path)
+}
+
+fn session_of(text: &str, path: &Path) -> Result<SessionFile, DomainError> {
+    toml::from_str(text)
+        .map_err(|error| DomainError::Session { path: path.to_owned(), reason: error.to_string() })
+}
+
+/// The session in a text as the keeper writes it; for the fuzz targets.
+///
+/// # Errors
+/// [`DomainError::Session`].
+#[doc(hidden)]
+pub fn check_session(text: &str) -> Result<u64, DomainError> {
+    let directory = Path::new("");
+    session_of(text, &directory.join(SESSION)).and_then(|file| parse_session(directory, &file))
 }
 
 fn parse_session(directory: &Path, file: &SessionFile) -> Result<u64, DomainError> {

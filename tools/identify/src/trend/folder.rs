@@ -10,8 +10,9 @@ use serde::Serialize;
 use crate::error::{IdentifyError, Result};
 use crate::input::Series;
 
-/// Times before this are no calendar times (s since 1970): 2000-01-01.
-const CALENDAR_S: f64 = 946_684_800.0;
+/// Times outside are no calendar times (s since 1970): from 2000-01-01 to before 3000-01-01, so
+/// that milliseconds since 1970 are none.
+const CALENDAR_S: std::ops::Range<f64> = 946_684_800.0..32_503_680_000.0;
 const SECONDS_PER_DAY: f64 = 86_400.0;
 
 /// A recording that takes no part, and why.
@@ -76,7 +77,7 @@ fn natural(name: &str) -> Vec<(String, u64)> {
 /// program's, the time at which the first message was written counts, of a CSV file that of the
 /// first row. `None` where these are no calendar times.
 pub fn began_s(path: &Path, series: &Series) -> Option<f64> {
-    let calendar = |seconds: f64| Some(seconds).filter(|seconds| *seconds >= CALENDAR_S);
+    let calendar = |seconds: f64| Some(seconds).filter(|seconds| CALENDAR_S.contains(seconds));
     let in_rows = || series.column(TIME).and_then(|time| calendar(*time.first()?));
     let Ok(recording) = Recording::open(path) else { return in_rows() };
     let first_message = || {
@@ -164,6 +165,8 @@ mod tests {
         let csv = Path::new("run.csv");
         assert_eq!(began_s(csv, &rows(1.7e9)), Some(1.7e9));
         assert_eq!(began_s(csv, &rows(12.0)), None);
+        // In milliseconds, it would be a year that no calendar shows.
+        assert_eq!(began_s(csv, &rows(1.7e12)), None);
     }
 
     #[test]
