@@ -108,6 +108,15 @@ fn a_rig_is_examined_at_rest_and_by_consent_under_power() {
     // No scanner runs.
     assert_eq!(check(&still, "trigger")["verdict"], "fail", "{still}");
     assert_eq!(check(&still, "enable-line")["verdict"], "skipped", "{still}");
+    // Consent to a movement is none to take an emergency stop away.
+    rig.ok(["estop"]);
+    let stopped = report(&rig, &["--move", "--yes"]);
+    for id in ["enable-line", "encoder-directions"] {
+        assert_eq!(check(&stopped, id)["verdict"], "fail", "{stopped}");
+        assert!(check(&stopped, id)["value"].as_str().unwrap().contains("`estop`"), "{stopped}");
+    }
+    assert!(rig.ok(["status"]).contains("emergency stop"), "{}", rig.ok(["status"]));
+    rig.ok(["reset"]);
     // On a loaded host a best-effort rig may trip, rightly; then it is looked at again.
     let mut moved = Value::Null;
     let done = wait_for(Duration::from_secs(120), || {

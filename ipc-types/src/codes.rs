@@ -206,6 +206,8 @@ codes! {
         SensorStuck = 37, "sensor reading does not change";
         /// No logger runs.
         LoggerLost = 38, "logger lost";
+        /// The card reports no motor power any more, although it is permitted.
+        PowerLost = 39, "motor power cut from outside";
     }
 
     /// What control does.

@@ -3,7 +3,7 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use ipc_types::{EnableToken, TOKEN, Verb, WatchdogState};
+use ipc_types::{EnableToken, TOKEN, TripCause, Verb, WatchdogState};
 use runtime::Subscriber;
 
 use crate::run::not_armed;
@@ -16,10 +16,12 @@ const PAUSE: Duration = Duration::from_millis(100);
 const SETTLED: Duration = Duration::from_millis(20);
 
 /// Resets and arms the rig; while a verb is refused both are tried again. `progress` is told why.
-/// Call it only for a person who has agreed to it: no process arms anything.
+/// Call it only for a person who has agreed to it: no process arms anything. An emergency stop is
+/// left as it is, also one that comes meanwhile: who agreed may not be who pressed it.
 ///
 /// # Errors
-/// The last refusal, where a verb is still refused after 15 s or `stop` is set.
+/// [`Error::EmergencyStopped`]; or the last refusal, where a verb is still refused after 15 s or
+/// `stop` is set.
 pub fn reset_and_arm(
     link: &RigLink,
     stop: &AtomicBool,
@@ -27,9 +29,12 @@ pub fn reset_and_arm(
 ) -> Result<(), Error> {
     let begun = Instant::now();
     let mut tokens = link.subscriber(TOKEN)?;
+    // Until a first token has shown whether the rig is stopped already.
+    std::thread::sleep(SETTLED);
     loop {
         let refused = match once(link, &mut tokens) {
             Ok(()) => return Ok(()),
+            Err(stopped @ Error::EmergencyStopped) => return Err(stopped),
             Err(refused) => refused,
         };
         if begun.elapsed() > VERB_LIMIT || stop.load(Ordering::Relaxed) {
@@ -41,13 +46,39 @@ pub fn reset_and_arm(
 }
 
 fn once(link: &RigLink, tokens: &mut Subscriber<EnableToken>) -> Result<(), Error> {
-    for each in [Verb::Reset, Verb::Arm] {
-        verb(link, each)?;
-    }
+    newest_unless_stopped(tokens)?;
+    let verbs = [Verb::Reset, Verb::Arm].into_iter().try_for_each(|each| verb(link, each));
     std::thread::sleep(SETTLED);
-    let token = tokens.latest()?.unwrap_or_default();
+    let token = match newest_unless_stopped(tokens) {
+        Ok(token) => token.unwrap_or_default(),
+        Err(stopped) => {
+            // It came just before the reset, which took it away.
+            verb(link, Verb::Estop)?;
+            return Err(stopped);
+        }
+    };
+    verbs?;
     match WatchdogState::from_code(token.state) {
         Some(WatchdogState::Armed) => Ok(()),
         _ => Err(not_armed(&token)),
     }
+}
+
+/// The newest token, unless one of those that came shows an emergency stop.
+fn newest_unless_stopped(
+    tokens: &mut Subscriber<EnableToken>,
+) -> Result<Option<EnableToken>, Error> {
+    let mut newest = None;
+    while let Some(token) = tokens.take()? {
+        if shows_emergency_stop(&token) {
+            return Err(Error::EmergencyStopped);
+        }
+        newest = Some(token);
+    }
+    Ok(newest)
+}
+
+fn shows_emergency_stop(token: &EnableToken) -> bool {
+    let tripped = WatchdogState::from_code(token.state) == Some(WatchdogState::Tripped);
+    tripped && TripCause::from_code(token.cause) == Some(TripCause::EmergencyStop)
 }

@@ -202,6 +202,11 @@ pub enum Error {
         /// Its state.
         state: WatchdogState,
     },
+    /// No program takes an emergency stop away, whatever a person has agreed to before.
+    #[error(
+        "the rig was stopped by `estop`; a person who knows why must reset it (farreach reset)"
+    )]
+    EmergencyStopped,
     /// `run` enables only a rig that a person has armed.
     #[error(
         "the rig is {state}{}; a person must {}",

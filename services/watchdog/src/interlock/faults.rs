@@ -46,6 +46,7 @@ pub const PRIORITY: &[TripCause] = &[
     TripCause::Saturated,
     TripCause::MotorOverload,
     TripCause::MotorPowered,
+    TripCause::PowerLost,
     TripCause::HomingTime,
     TripCause::AcquisitionLost,
     TripCause::ControlLost,

@@ -77,9 +77,10 @@ impl Reading<'_> {
         self.has(self.sample.slave_present).then(|| self.sample.slave_position[self.axis])
     }
 
-    /// Limit of the output now (V).
-    fn volts_max(&self) -> f64 {
-        LimitsNow::of(self.entry, self.has(self.sample.homed)).volts
+    /// What neither control nor the gate goes beyond now (V).
+    fn output_limit_v(&self) -> f64 {
+        let limits = LimitsNow::of(self.entry, self.has(self.sample.homed));
+        limits.volts.min(self.entry.control.output_limit_v)
     }
 }
 
@@ -88,6 +89,9 @@ impl Reading<'_> {
 pub(super) struct PlausibilityMonitor {
     axes: [AxisMonitor; AXES],
     powered: bool,
+    /// Whether the card has reported motor power since it was permitted.
+    power_seen: bool,
+    power_gone_since_ns: Option<u64>,
     homing_sequence: u64,
     sample_ns: Option<u64>,
 }
@@ -97,6 +101,8 @@ impl PlausibilityMonitor {
         Self {
             axes: [AxisMonitor::new(); AXES],
             powered: false,
+            power_seen: false,
+            power_gone_since_ns: None,
             homing_sequence: 0,
             sample_ns: None,
         }
@@ -115,6 +121,8 @@ impl PlausibilityMonitor {
         let now_ns = sample.scan_time_ns;
         let elapsed_ns = self.sample_ns.map_or(0, |last| now_ns.saturating_sub(last));
         self.sample_ns = Some(now_ns);
+        let gone = self.power_gone(sample, powered, config.echo_lost_ns);
+        faults.insert_if(gone, TripCause::PowerLost);
         let begins = powered && !self.powered || sample.homing_sequence != self.homing_sequence;
         (self.powered, self.homing_sequence) = (powered, sample.homing_sequence);
         for (at, (axis, entry)) in self.axes.iter_mut().zip(&config.axes).enumerate() {
@@ -141,6 +149,18 @@ impl PlausibilityMonitor {
     }
 }
 
+impl PlausibilityMonitor {
+    /// Whether motor power that the card had reported has been gone for too long, although it is
+    /// permitted: a button, plug or relay beside the card has cut it, and would give it back with
+    /// the volts of that moment. A card that never reports power says nothing.
+    fn power_gone(&mut self, sample: &Sample, powered: bool, longest_ns: u64) -> bool {
+        let on = sample.motor_power == 1;
+        self.power_seen = powered && (self.power_seen || on);
+        let gone = self.power_seen && !on;
+        lasts(&mut self.power_gone_since_ns, gone, sample.scan_time_ns, longest_ns)
+    }
+}
+
 impl AxisMonitor {
     /// Whether motor and amplifier have had more than they bear for long.
     fn overloaded(&mut self, reading: &Reading<'_>, elapsed_ns: u64) -> bool {
@@ -160,7 +180,7 @@ impl AxisMonitor {
     /// Whether the output was at its limit for too long.
     fn saturated(&mut self, reading: &Reading<'_>) -> bool {
         let at_limit =
-            reading.sample.output_v[reading.axis].abs() >= SATURATED * reading.volts_max();
+            reading.sample.output_v[reading.axis].abs() >= SATURATED * reading.output_limit_v();
         lasts(
             &mut self.saturated_since_ns,
             at_limit,

@@ -157,11 +157,20 @@ fn sr_33_a_difference_from_before_the_power_and_a_new_zero_are_no_disagreement()
 
 #[test]
 fn sr_34_an_output_at_its_limit_for_too_long_trips() {
-    for (volts, expected) in [(5.0, true), (-5.0, true), (4.9, false)] {
+    // Control's own limit may be below the gate's, which is 5 V here.
+    let cases = [
+        (8.0, 5.0, true),
+        (8.0, -5.0, true),
+        (8.0, 4.9, false),
+        (3.0, -3.0, true),
+        (3.0, 2.9, false),
+    ];
+    for (output_limit_v, volts, expected) in cases {
         let mut world = powered(Profile::Realtime);
         // No rating, which would act first.
         let mut without = config(Profile::Realtime);
         without.axes[0].plausibility.thermal = None;
+        without.axes[0].control.output_limit_v = output_limit_v;
         world.interlock = Interlock::new(without);
         power_up(&mut world);
         let found = trips(&mut world, 300, |world, cycle| {
@@ -303,6 +312,32 @@ fn sr_37_motor_power_that_nothing_permits_is_a_fault() {
     world.sample.motor_power = 0;
     world.cycles(20);
     assert_eq!(world.verb(Verb::Reset), Ok(WatchdogState::Disarmed));
+}
+
+#[test]
+fn sr_43_motor_power_that_is_cut_from_outside_trips() {
+    for profile in [Profile::Realtime, Profile::BestEffort] {
+        let longest = config(profile).echo_lost_ns / 1_000_000;
+        let mut world = powered(profile);
+        world.sample.motor_power = 1;
+        world.cycles(20);
+        // A relay may bounce.
+        let bounce = trips(&mut world, longest as usize, |world, _| world.sample.motor_power = 0);
+        assert_eq!(bounce, None);
+        world.sample.motor_power = 1;
+        assert_eq!(trips(&mut world, 20, |_, _| {}), None);
+        let found = trips(&mut world, 300, |world, _| world.sample.motor_power = 0);
+        let Some((TripCause::PowerLost, cycle)) = found else { panic!("{found:?}") };
+        assert!((longest..=longest + 3).contains(&(cycle as u64)), "{cycle}");
+        // The power that comes back finds no permission.
+        world.sample.motor_power = 1;
+        world.cycles(300);
+        assert_eq!(world.interlock.state(), WatchdogState::Tripped);
+        // A card that never reports power says nothing.
+        let mut world = powered(profile);
+        world.sample.motor_power = 0;
+        assert_eq!(trips(&mut world, 500, |_, _| {}), None);
+    }
 }
 
 #[test]
