@@ -201,6 +201,11 @@ fn of_machine(fault: &FaultKind, place: usize, profile: Profile) -> Expected {
         (Promise::Trips(..), Profile::BestEffort) if fault.action == Action::FifoOverflow => {
             Expected::Either
         }
+        // What is read back differs by too little while the movement passes 0 V, for as long as the
+        // watchdog then waits.
+        (Promise::Trips(..), Profile::BestEffort) if fault.action == Action::LineBroken => {
+            Expected::Either
+        }
         (Promise::Trips(..), Profile::BestEffort) => one_message(profile),
         (Promise::AtALimit(_), _) => Expected::Either,
         (Promise::NotNoticed, _) => Expected::Stays,
