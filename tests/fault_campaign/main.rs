@@ -103,7 +103,7 @@ fn assert_quick_and_held(outcomes: &[Outcome]) {
             it.profile == outcome.profile
                 && it.off_ticks.is_some_and(|off| off <= gate + common::monitor::SLACK)
         };
-        assert!(of("control").iter().any(|it| quick(it)), "{:#?}", of("control"));
+        assert!(of("control").iter().any(quick), "{:#?}", of("control"));
     }
 }
 
