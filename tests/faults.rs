@@ -17,7 +17,7 @@ use common::{TestRig, assert_told, told, wait_for};
 use ipc_types::{CARD_SCAN, CardScan, Event, EventKind, Process, Profile, event_topic};
 use recording::mcap_read::Recording;
 use serde_json::Value;
-use simulator::faults::{Action, LIST, Place};
+use simulator::faults::{Action, LIST};
 
 /// How often a fault is tried again: on a loaded host the rig may trip before it, rightly.
 const ATTEMPTS: usize = 10;
@@ -158,20 +158,9 @@ fn what_becomes_of_every_kind() {
             if kind.action == Action::TriggerLost {
                 continue;
             }
-            let places: Vec<String> = match kind.places {
-                [] => vec![String::new()],
-                places => places
-                    .iter()
-                    .map(|place| match place {
-                        Place::Channel => "@torque".to_owned(),
-                        place => format!("@{}", place.word()),
-                    })
-                    .collect(),
-            };
-            for place in places {
+            for text in kind.texts("torque") {
                 // A new card: nothing is left of the fault before.
                 rig.ok(["up", "--simulate", "--rig", &rig_file]);
-                let text = format!("{}{place}", kind.name);
                 let Outcome { trip, to_zero, .. } = outcome(&rig, &text, &[]);
                 let (trip, ticks) = (trip.unwrap_or("not noticed".to_owned()), to_zero);
                 println!("FIGURE {name} {text}: {trip}, {ticks:?} ticks to 0 V");

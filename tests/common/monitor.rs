@@ -21,6 +21,7 @@ use ipc_types::{
 use runtime::clock::{MILLISECOND_NS, SECOND_NS, now_ns};
 use runtime::{Domain, RawSubscriber, RigName, Service, Timeouts, open_raw};
 
+use super::host::Hogs;
 use super::{TestRig, told, wait_for};
 
 /// Period of the card in `launch/rigs/hydrostatic.toml` (2 kHz) (ns).
@@ -257,6 +258,11 @@ impl Seen {
         text
     }
 
+    /// Whether the card has come to this tick.
+    fn has_come_to(&self, tick: u64) -> bool {
+        self.newest_scan.is_some_and(|scan| scan.tick >= tick)
+    }
+
     pub fn state(&self) -> Option<WatchdogState> {
         self.newest_token.map(|token| token.state)
     }
@@ -268,7 +274,8 @@ pub struct Monitor {
     domain: Domain,
     stop: Arc<AtomicBool>,
     leads: Arc<AtomicBool>,
-    threads: Vec<JoinHandle<()>>,
+    reader: Option<JoinHandle<()>>,
+    hogs: Option<Hogs>,
 }
 
 impl Monitor {
@@ -285,7 +292,7 @@ impl Monitor {
                 seen_too.lock().unwrap().failure = Some(error.to_string());
             }
         });
-        let monitor = Self { seen, domain, stop, leads, threads: vec![reader] };
+        let monitor = Self { seen, domain, stop, leads, reader: Some(reader), hogs: None };
         monitor.until("all fast topics speak", |seen| {
             seen.newest_token.is_some() && seen.command.is_some()
         });
@@ -295,21 +302,8 @@ impl Monitor {
     /// Keeps this many cores busy at normal priority while the monitor lives, in the real-time
     /// profile only: its scheduling class must keep other programs from delaying the rig.
     pub fn load(&mut self, cores: usize) {
-        if self.profile() == Profile::BestEffort {
-            return;
-        }
-        for _ in 0..cores {
-            let stop = Arc::clone(&self.stop);
-            self.threads.push(std::thread::spawn(move || {
-                let mut state = 1u64;
-                while !stop.load(Ordering::Relaxed) {
-                    for _ in 0..10_000 {
-                        state = std::hint::black_box(
-                            state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1),
-                        );
-                    }
-                }
-            }));
+        if self.profile() == Profile::Realtime {
+            self.hogs = Some(Hogs::start(cores));
         }
     }
 
@@ -358,18 +352,14 @@ impl Monitor {
     /// Lets this many ticks of the card pass.
     pub fn pass_ticks(&self, ticks: u64) {
         let from = tick_of(now_ns());
-        self.until("ticks of the card", |seen| {
-            seen.newest_scan.is_some_and(|scan| scan.tick >= from + ticks)
-        });
+        self.until("ticks of the card", |seen| seen.has_come_to(from + ticks));
     }
 
     /// The same, or twice their time where there is no card meanwhile.
     pub fn pass_or_time(&self, ticks: u64) {
         let from = tick_of(now_ns());
         let twice = Duration::from_nanos(2 * ticks * TICK_NS);
-        let _passed = wait_for(twice, || {
-            self.seen().newest_scan.is_some_and(|scan| scan.tick >= from + ticks)
-        });
+        let _passed = wait_for(twice, || self.seen().has_come_to(from + ticks));
     }
 
     /// A node of this test's process.
@@ -428,8 +418,8 @@ impl Monitor {
 impl Drop for Monitor {
     fn drop(&mut self) {
         self.stop.store(true, Ordering::Relaxed);
-        for thread in self.threads.drain(..) {
-            let _ended = thread.join();
+        if let Some(reader) = self.reader.take() {
+            let _ended = reader.join();
         }
     }
 }

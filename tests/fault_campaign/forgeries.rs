@@ -6,11 +6,12 @@ use iceoryx2::port::publisher::Publisher;
 use iceoryx2::service::ipc;
 use ipc_types::{
     COMMAND, COMMAND_SERVICES, ENABLE_LINE, EnableLine, EnableToken, Message, Mode, MotorCommand,
-    Process, SAMPLE, SETPOINT, Sample, Setpoint, TOKEN, TypedTopic,
+    Process, Profile, SAMPLE, SETPOINT, Sample, Setpoint, TOKEN, TypedTopic,
 };
 use runtime::clock::now_ns;
 
 use crate::common::monitor::{STRANGER, Seen};
+use crate::expected::{Expected, one_message};
 
 /// What is forged.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -71,8 +72,13 @@ impl Forgery {
         }
     }
 
+    /// What must become of the motor.
+    pub fn expected(self, profile: Profile) -> Expected {
+        if self.is_refused() { Expected::Stays } else { one_message(profile) }
+    }
+
     /// Whether it is refused without any effect on the motor.
-    pub const fn is_refused(self) -> bool {
+    const fn is_refused(self) -> bool {
         matches!(
             self,
             Self::EnableLineOfSecondWatchdog

@@ -4,15 +4,14 @@ use std::fs::{File, remove_file};
 use std::io::Write;
 use std::path::PathBuf;
 use std::process::{Command, Stdio};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use ipc_types::Profile;
 
+use crate::common::host::Hogs;
 use crate::common::monitor::Monitor;
 use crate::common::{TestRig, told, wait_for};
-use crate::kinds::Expected;
+use crate::expected::Expected;
 
 /// What the computer lacks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -65,12 +64,16 @@ impl HostTrouble {
         }
     }
 
-    /// Whether it needs file systems that are mounted for this test alone, or a second user.
-    pub const fn needs_root(self) -> bool {
-        matches!(
-            self,
-            Self::DiskFull | Self::DiskReadOnly | Self::SharedMemoryFull | Self::AnotherUser
-        )
+    /// Whether it can be made here.
+    pub fn is_possible(self, disks: Option<&PrivateDisks>) -> bool {
+        match self {
+            Self::ProcessorHogs | Self::MemoryPressure | Self::DiskBusy => true,
+            Self::DiskFull | Self::DiskReadOnly | Self::SharedMemoryFull => disks.is_some(),
+            // In a name space of its own even root may have no second user.
+            Self::AnotherUser => {
+                another_user().arg("true").output().is_ok_and(|output| output.status.success())
+            }
+        }
     }
 
     /// What must become of the motor.
@@ -86,14 +89,15 @@ impl HostTrouble {
     }
 
     /// Makes the trouble, and ends it.
-    pub fn make(self, rig: &TestRig, monitor: &Monitor, disks: &PrivateDisks) {
+    pub fn make(self, rig: &TestRig, monitor: &Monitor, disks: Option<&PrivateDisks>) {
+        let mounted = || disks.expect("left out without");
         match self {
             Self::ProcessorHogs => hog_processors(),
             Self::MemoryPressure => take_memory(),
             Self::DiskBusy => write_and_sync(rig.path("busy")),
-            Self::DiskFull => record_to_full_disk(rig, disks),
+            Self::DiskFull => record_to_full_disk(rig, mounted()),
             Self::DiskReadOnly => {
-                let output = record_to(rig, disks.read_only.join("run.mcap"));
+                let output = record_to(rig, mounted().read_only.join("run.mcap"));
                 assert!(!output.status.success(), "{}", told(&output));
             }
             Self::SharedMemoryFull => fill_shared_memory(monitor),
@@ -103,22 +107,8 @@ impl HostTrouble {
 }
 
 fn hog_processors() {
-    let stop = Arc::new(AtomicBool::new(false));
-    let processors = std::thread::available_parallelism().map_or(1, usize::from);
-    let hogs: Vec<_> = (0..HOGS * processors)
-        .map(|_| {
-            let stop = Arc::clone(&stop);
-            std::thread::spawn(move || {
-                let mut state = 1u64;
-                while !stop.load(Ordering::Relaxed) {
-                    state = std::hint::black_box(state.wrapping_mul(3).wrapping_add(1));
-                }
-            })
-        })
-        .collect();
+    let _hogs = Hogs::start(HOGS * runtime::own_processors().len());
     std::thread::sleep(LASTS);
-    stop.store(true, Ordering::Relaxed);
-    hogs.into_iter().for_each(|hog| hog.join().unwrap());
 }
 
 fn take_memory() {
@@ -180,11 +170,17 @@ fn reach_as_another_user(rig: &TestRig) {
             cat "$file" >/dev/null 2>&1 && echo "read: $file"
         done
         exit 0"#;
-    let output = Command::new("setpriv")
-        .args(["--reuid", "65534", "--regid", "65534", "--clear-groups", "sh", "-c", script, "sh"])
+    let output = another_user()
+        .args(["sh", "-c", script, "sh"])
         .args([rig.name().directory(), rig.run_directory()])
-        .stdin(Stdio::null())
         .output()
         .unwrap();
     assert!(output.status.success() && output.stdout.is_empty(), "{}", told(&output));
+}
+
+/// Runs a command as user 65534.
+fn another_user() -> Command {
+    let mut command = Command::new("setpriv");
+    command.args(["--reuid", "65534", "--regid", "65534", "--clear-groups"]).stdin(Stdio::null());
+    command
 }

@@ -19,8 +19,11 @@ pub fn ask(monitor: &Monitor, request: &LoggerRequest) -> LoggerAnswer {
     runtime::call(&monitor.node(), &LOGGER_COMMANDS, request, LIMIT).unwrap()
 }
 
-/// Ends the recording, verifies and removes every part, and begins the next one.
-pub fn verify_all_and_go_on(target: &mut Target) {
+/// Topics in which messages were forged under their sender's name, which repeat its sequence.
+const FORGED: [&str; 4] = ["command", "sample", "setpoint", "token"];
+
+/// Ends the recording, verifies and removes every part, and begins the next one; how many parts.
+pub fn verify_all_and_go_on(target: &mut Target) -> usize {
     let answer = ask(&target.monitor, &LoggerRequest::Stop);
     assert!(answer.recording.is_none(), "{answer:?}");
     let parts = parts_beside(&target.record);
@@ -31,6 +34,7 @@ pub fn verify_all_and_go_on(target: &mut Target) {
     }
     eprintln!("{} parts of the recording verified", parts.len());
     target.rig.ok(["rec", "start", target.record.to_str().unwrap()]);
+    parts.len()
 }
 
 fn parts_beside(record: &Path) -> Vec<PathBuf> {
@@ -56,6 +60,9 @@ fn verify(rig: &TestRig, part: &Path) {
         let none = |key: &str| assert_eq!(topic[key].as_u64(), Some(0), "{part:?}: {key}: {topic}");
         none("undecodable");
         none("dropped");
+        if !FORGED.iter().any(|name| topic["topic"] == *name) {
+            none("duplicates");
+        }
     }
     let scans = topics.iter().find(|topic| topic["topic"] == "card_scan");
     let some = scans.is_some_and(|scans| scans["count"].as_u64().unwrap() > 0);

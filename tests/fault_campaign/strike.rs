@@ -1,25 +1,26 @@
 //! One injection: what is done, what is seen of it, and the verdict.
 
 use std::collections::BTreeMap;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+use std::process::Output;
 use std::time::{Duration, Instant};
 
-use ipc_types::{
-    LoggerRequest, Profile, SIMULATOR_COMMANDS, SimulatorAnswer, SimulatorRequest, TripCause,
-};
+use ipc_types::{LoggerRequest, Profile, SIMULATOR_COMMANDS, SimulatorAnswer, SimulatorRequest};
 use launch::{ProcessIdentity, UnitState};
 use rand::rngs::StdRng;
 use rand::{RngExt, SeedableRng};
 use runtime::clock::now_ns;
 use serde::{Deserialize, Serialize};
 
-use crate::common::monitor::{LIMIT, Monitor, Seen, Sender, TICK_NS, tick_of};
+use crate::common::monitor::{LIMIT, Monitor, Sender, tick_of};
 use crate::common::{Signal, TestRig, kill, pulse_of, told, wait_for};
+use crate::expected::{Expected, of_death, of_machine, of_stop, one_message};
 use crate::forgeries::{Forgery, LATER, Newest};
 use crate::host_stalls::HostStalls;
 use crate::host_troubles::PrivateDisks;
-use crate::kinds::{Expected, Injection, Kind, Victims, machine_fault, of_death, processes};
+use crate::kinds::{Injection, Kind, Victims, processes};
 use crate::recordings;
+use crate::verdict::{Injected, Judgement, Verdict, judge};
 
 /// Ticks observed after an injection, and again once everything is back.
 const WATCHED: u64 = 300;
@@ -54,18 +55,7 @@ pub struct Outcome {
     /// Whether the DACs kept holding volts that did not reach the motor any more.
     pub held: bool,
     /// The timing profile.
-    pub profile: String,
-}
-
-/// Whether what must be was so.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Verdict {
-    /// As expected.
-    Held,
-    /// Not as expected, by a stall of the host that was measured beside it.
-    HostStalled(String),
-    /// Not as expected.
-    Failed(String),
+    pub profile: Profile,
 }
 
 /// A rig that is under power, and what is needed to break it.
@@ -85,23 +75,16 @@ struct Before {
     epoch: u64,
 }
 
-/// What an injection did.
-struct Injected {
-    /// Processes that it ended or stopped.
-    victims: Vec<&'static str>,
-    /// Card tick from which on the bound counts.
-    from: u64,
-    expected: Expected,
-    /// What must stay alive until it has been received.
-    _kept: Option<Box<dyn std::any::Any>>,
+/// Brings the rig up, or adopts what its launcher has left.
+fn bring_up(rig: &TestRig, record: &Path) -> Output {
+    let text = rig.absolute_rig("hydrostatic");
+    rig.run(["up", "--simulate", "--rig", &text, "--record", record.to_str().unwrap()])
 }
 
 impl Target {
     pub fn new(rig: TestRig, disks: Option<PrivateDisks>, seed: u64) -> Self {
         let record = rig.path("run.mcap");
-        let text = rig.absolute_rig("hydrostatic");
-        let path = record.to_str().unwrap();
-        let up = rig.run(["up", "--simulate", "--rig", &text, "--record", path]);
+        let up = bring_up(&rig, &record);
         assert!(up.status.success(), "{}", told(&up));
         let mut monitor = Monitor::join(rig.name());
         monitor.load(2);
@@ -120,6 +103,8 @@ impl Target {
             .iter()
             .filter(|unit| unit.state == UnitState::Ready)
             .filter_map(|unit| Some((unit.name.clone(), unit.process?)))
+            // The launcher may not have noticed yet.
+            .filter(|(_, process)| process.is_alive())
             .collect();
         if status.launcher.is_alive() {
             found.insert("launcher".to_owned(), status.launcher);
@@ -159,30 +144,23 @@ impl Target {
         let missing = self.come_back(&before, &injected);
         let back_ms = ended.elapsed().as_secs_f64() * 1e3;
         self.monitor.pass_ticks(WATCHED);
-        let verdict_of = |seen: &Seen| judge(self.profile(), kind, &before, &injected, seen);
-        let (mut verdict, off_ticks, cause) = verdict_of(&self.monitor.seen());
-        if let (Verdict::Held, Some(missing)) = (&verdict, missing) {
-            verdict = Verdict::Failed(missing);
-        }
         let held = self.monitor.seen().scans.iter().any(|scan| scan.dac && !scan.volts);
         let stall_ms = self.stall_ms(began_ns, &injected);
-        if let Verdict::Failed(why) = &verdict
-            && self.explains(stall_ms, off_ticks, injected.expected)
-        {
-            verdict = Verdict::HostStalled(why.clone());
-        }
-        if off_ticks.is_some() && matches!(injected.expected, Expected::Off(_)) {
-            let enabled = self.rig.run(["enable"]);
-            if enabled.status.success() {
-                verdict = Verdict::Failed("enabled without reset and arm".to_owned());
-            }
-        }
+        let judgement = judge(self.profile(), kind, before.epoch, &injected, &self.monitor.seen());
+        let Judgement { miss, off_ticks, cause } = judgement;
+        let tried = off_ticks.is_some() && matches!(injected.expected, Expected::Off(_));
+        let again = tried && self.rig.run(["enable"]).status.success();
+        let again = again.then(|| "enabled without reset and arm".to_owned());
+        let verdict = match missing.or(again) {
+            Some(why) => Verdict::Failed(why),
+            None => miss.map_or(Verdict::Held, |miss| miss.verdict(stall_ms)),
+        };
         self.mend(kind);
         let bound_ticks = match injected.expected {
             Expected::Off(bound) => Some(bound),
             _ => None,
         };
-        let (kind, profile) = (kind.name.clone(), self.profile().text().to_owned());
+        let (kind, profile) = (kind.name.clone(), self.profile());
         Outcome { kind, verdict, off_ticks, bound_ticks, back_ms, stall_ms, cause, held, profile }
     }
 
@@ -206,18 +184,19 @@ impl Target {
 
     fn inject(&mut self, kind: &Kind, before: &Before) -> Injected {
         let now = tick_of(now_ns());
+        let profile = self.profile();
         let simple = |from, expected| Injected { victims: Vec::new(), from, expected, _kept: None };
         match kind.injection {
             Injection::Kill(victims) => self.kill(victims, before),
             Injection::KillSuccessor => self.kill_successor(before),
-            Injection::Stop(victim, time) => self.stop(kind, victim, time, before),
+            Injection::Stop(victim, time) => self.stop(victim, time, before),
             Injection::Machine(fault, place) => {
-                let text = machine_fault(fault, place);
-                let request = SimulatorRequest::Fault { fault: text, axis: None, for_s: None };
+                let fault_text = kind.name.clone();
+                let request =
+                    SimulatorRequest::Fault { fault: fault_text, axis: None, for_s: None };
                 let answer = self.ask_simulator(&request);
                 assert!(answer.error.is_empty(), "{}", answer.error);
-                let expected = kind.injection.expected(self.profile(), Duration::ZERO);
-                simple(answer.faults[0].begun_tick, expected)
+                simple(answer.faults[0].begun_tick, of_machine(fault, place, profile))
             }
             Injection::Forge(forgery) => {
                 if let Forgery::TokenOfLaterEpoch | Forgery::TokenOfSecondWatchdog = forgery {
@@ -225,18 +204,17 @@ impl Target {
                 }
                 let newest = || Newest::of(&self.monitor.seen()).expect("all have spoken");
                 let sent = forgery.send(&self.monitor.node(), &newest);
-                let expected = kind.injection.expected(self.profile(), Duration::ZERO);
-                Injected { _kept: Some(sent.kept), ..simple(tick_of(sent.sent_ns), expected) }
+                let from = tick_of(sent.sent_ns);
+                Injected { _kept: Some(sent.kept), ..simple(from, forgery.expected(profile)) }
             }
             Injection::Host(trouble) => {
-                let disks = self.disks.as_ref().expect("left out without");
-                trouble.make(&self.rig, &self.monitor, disks);
-                simple(now, trouble.expected(self.profile()))
+                trouble.make(&self.rig, &self.monitor, self.disks.as_ref());
+                simple(now, trouble.expected(profile))
             }
             Injection::Verb(verb) => {
                 self.rig.ok([verb]);
-                let expected = kind.injection.expected(self.profile(), Duration::ZERO);
-                simple(tick_of(now_ns()), expected)
+                // From the answer on, with which the watchdog has executed it.
+                simple(tick_of(now_ns()), one_message(profile))
             }
             Injection::SetpointsEnd => {
                 self.monitor.lead(false);
@@ -313,7 +291,7 @@ impl Target {
         self.after_death(vec![victim], struck_ns, before)
     }
 
-    fn stop(&self, kind: &Kind, victim: &'static str, time: Duration, before: &Before) -> Injected {
+    fn stop(&self, victim: &'static str, time: Duration, before: &Before) -> Injected {
         let process = before.processes[victim];
         let struck = Instant::now();
         let struck_ns = now_ns();
@@ -325,7 +303,7 @@ impl Target {
         if process.is_alive() {
             kill(process.pid, Signal::CONT);
         }
-        let expected = kind.injection.expected(self.profile(), lasted);
+        let expected = of_stop(victim, lasted, self.profile());
         let from = tick_of(struck_ns.max(word_ns));
         Injected { victims: vec![victim], from, expected, _kept: None }
     }
@@ -348,9 +326,7 @@ impl Target {
     /// Waits until every process is ready and publishes; what is missing otherwise.
     fn come_back(&self, before: &Before, injected: &Injected) -> Option<String> {
         if injected.victims.contains(&"launcher") && !before.processes["launcher"].is_alive() {
-            let text = self.rig.absolute_rig("hydrostatic");
-            let path = self.record.to_str().unwrap();
-            let up = self.rig.run(["up", "--simulate", "--rig", &text, "--record", path]);
+            let up = bring_up(&self.rig, &self.record);
             if !up.status.success() {
                 return Some(format!("`up` after the launcher's death: {}", told(&up)));
             }
@@ -391,18 +367,6 @@ impl Target {
         self.stalls.longest_ms(began_ns).max(pause.unwrap_or(0) as f64 * 1e-6)
     }
 
-    /// Whether a stall of the host explains what was not as expected.
-    fn explains(&self, stall_ms: f64, off_ticks: Option<u64>, expected: Expected) -> bool {
-        let stall_ticks = stall_ms * 1e6 / TICK_NS as f64;
-        match (expected, off_ticks) {
-            (Expected::Off(bound), Some(off)) => (off - bound.min(off)) as f64 <= stall_ticks,
-            (Expected::Stays, Some(_)) => {
-                stall_ms * 1e6 > self.monitor.timeouts().enable_line_pause_ns as f64
-            }
-            _ => false,
-        }
-    }
-
     /// What an injection leaves behind that a person would put in order: the zero of an encoder, a
     /// recording that was ended.
     fn mend(&self, kind: &Kind) {
@@ -424,60 +388,4 @@ impl Target {
             _ => {}
         }
     }
-}
-
-/// Verdict, ticks to 0 V, and the cause of the trip.
-fn judge(
-    profile: Profile,
-    kind: &Kind,
-    before: &Before,
-    injected: &Injected,
-    seen: &Seen,
-) -> (Verdict, Option<u64>, Option<String>) {
-    let permitted = seen.tokens.iter().all(|token| token.enabled && token.epoch == before.epoch);
-    let causes = seen.causes();
-    let cause = causes.iter().next().map(|cause| cause.text().to_owned());
-    let failed = |why: String| Verdict::Failed(format!("{why}\n{}", seen.account()));
-    if permitted && seen.scans.last().is_some_and(|scan| scan.power) {
-        let verdict = match injected.expected {
-            Expected::Off(_) | Expected::OffUnbounded => failed("it kept its power".to_owned()),
-            Expected::Stays | Expected::Either => Verdict::Held,
-        };
-        return (verdict, None, cause);
-    }
-    let amplifier_acts = kind.name == "amplifier_rail";
-    let last = if amplifier_acts { seen.last_power() } else { seen.last_volts() };
-    let off = last.map_or(0, |last| (last + 1).saturating_sub(injected.from));
-    let verdict = match injected.expected {
-        Expected::Stays => failed(format!("it lost its power: {causes:?}")),
-        Expected::Off(bound) if off > bound => failed(format!("off after {off} ticks")),
-        _ if again(seen) => failed("enabled again by itself".to_owned()),
-        _ if kind.name != "relay_stuck" && outlives_line(profile, seen) => {
-            failed("power without a toggling enable line".to_owned())
-        }
-        Expected::Off(_) | Expected::OffUnbounded if !named(kind, &causes) => {
-            failed(format!("another cause than promised: {causes:?}"))
-        }
-        _ => Verdict::Held,
-    };
-    (verdict, Some(off), cause)
-}
-
-/// Whether a permission followed its withdrawal.
-fn again(seen: &Seen) -> bool {
-    seen.tokens.iter().skip_while(|token| token.enabled).any(|token| token.enabled)
-}
-
-/// Whether the motor had power after the card's timeout of the enable line, to the tick.
-fn outlives_line(profile: Profile, seen: &Seen) -> bool {
-    let timeout_ns = runtime::Timeouts::of(profile).enable_line_ns;
-    let died = tick_of(seen.toggled.0 + timeout_ns) + 1;
-    seen.last_power().is_some_and(|power| power > died)
-}
-
-fn named(kind: &Kind, causes: &std::collections::BTreeSet<TripCause>) -> bool {
-    let promised = kind.injection.causes();
-    // The gate may be quicker than the watchdog.
-    let gate = causes.contains(&TripCause::GateLatched);
-    promised.is_empty() || gate || promised.iter().any(|cause| causes.contains(cause))
 }

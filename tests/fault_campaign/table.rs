@@ -4,9 +4,12 @@ use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::path::Path;
 
+use ipc_types::Profile;
+
 use crate::common::monitor::TICK_NS;
 use crate::kinds;
-use crate::strike::{Outcome, Verdict};
+use crate::strike::Outcome;
+use crate::verdict::Verdict;
 
 /// All outcomes of one kind in one profile.
 struct Row<'a> {
@@ -90,18 +93,18 @@ fn quantile(sorted: &[f64], share: f64) -> Option<f64> {
 }
 
 /// The profiles in the order of their outcomes.
-fn profiles(outcomes: &[Outcome]) -> Vec<&str> {
-    let mut profiles: Vec<&str> = Vec::new();
+fn profiles(outcomes: &[Outcome]) -> Vec<Profile> {
+    let mut profiles = Vec::new();
     for outcome in outcomes {
-        if !profiles.contains(&outcome.profile.as_str()) {
-            profiles.push(&outcome.profile);
+        if !profiles.contains(&outcome.profile) {
+            profiles.push(outcome.profile);
         }
     }
     profiles
 }
 
 /// One row for each kind, in the order of the list.
-fn rows<'a>(outcomes: &'a [Outcome], profile: &str) -> Vec<Row<'a>> {
+fn rows<'a>(outcomes: &'a [Outcome], profile: Profile) -> Vec<Row<'a>> {
     let mut by_kind: BTreeMap<&str, Vec<&Outcome>> = BTreeMap::new();
     for outcome in outcomes.iter().filter(|it| it.profile == profile) {
         by_kind.entry(&outcome.kind).or_default().push(outcome);
@@ -113,7 +116,7 @@ fn rows<'a>(outcomes: &'a [Outcome], profile: &str) -> Vec<Row<'a>> {
         .collect()
 }
 
-fn summary(outcomes: &[Outcome], profile: &str) -> String {
+fn summary(outcomes: &[Outcome], profile: Profile) -> String {
     let rows = rows(outcomes, profile);
     let sum = |of: fn(&Row) -> usize| rows.iter().map(of).sum::<usize>();
     let own = outcomes.iter().filter(|it| it.profile == profile);

@@ -1,6 +1,6 @@
 //! `farreach doctor`: examines a machine, and the rig that runs on it, by doing what a rig does.
 //!
-//! [`checks`] is the one list of checks. Each is a thin measurement and a pure judgement
+//! `checks.rs` is the one list of checks. Each is a thin measurement and a pure judgement
 //! (`fn judge(measured) -> Outcome`) with its limits as constants beside it. The report is kept
 //! ([`runtime::MachineReport`]): the logger puts it into every recording, and the watchdog asks for
 //! it before a real card is armed.

@@ -47,9 +47,14 @@ fn found_without_slave() -> SearchResult {
     found_in((0..5).map(record).collect()).1
 }
 
-fn model_of(mut records: Vec<Record>) -> TransmissionModel {
+fn model_of(records: Vec<Record>) -> TransmissionModel {
+    model_with_zero(records, COUNT_RAD)
+}
+
+/// With the slave's zero unknown by this.
+fn model_with_zero(mut records: Vec<Record>, error_rad: f64) -> TransmissionModel {
     share_out(&mut records, false);
-    TransmissionModel::new("hydrostatic.toml", &rig().model, records, Some(COUNT_RAD)).unwrap()
+    TransmissionModel::new("hydrostatic.toml", &rig().model, records, Some(error_rad)).unwrap()
 }
 
 fn found_in(records: Vec<Record>) -> (TransmissionModel, SearchResult) {
@@ -67,11 +72,7 @@ fn zeros_that_are_two_counts_apart_are_no_effect() {
         record.slave.iter_mut().flatten().for_each(|position| *position += zero);
         record
     };
-    let mut records: Vec<Record> = (0..5).map(shifted).collect();
-    share_out(&mut records, false);
-    let error = Some(2.0 * COUNT_RAD);
-    let mut model =
-        TransmissionModel::new("hydrostatic.toml", &rig().model, records, error).unwrap();
+    let mut model = model_with_zero((0..5).map(shifted).collect(), 2.0 * COUNT_RAD);
     let found = search(&mut model, &NEVER).unwrap();
     assert!(found.steps.is_empty(), "{:?}", found.steps.first().map(|step| step.added.id));
     let fitted = model.slave_zero_rad(&found.base.setting);

@@ -47,7 +47,8 @@ pub fn reset_and_arm(
 
 fn once(link: &RigLink, tokens: &mut Subscriber<EnableToken>) -> Result<(), Error> {
     newest_unless_stopped(tokens)?;
-    let verbs = [Verb::Reset, Verb::Arm].into_iter().try_for_each(|each| verb(link, each));
+    let verbs =
+        [Verb::Reset, Verb::Arm].into_iter().try_for_each(|each| verb(link, each).map(drop));
     std::thread::sleep(SETTLED);
     let token = match newest_unless_stopped(tokens) {
         Ok(token) => token.unwrap_or_default(),

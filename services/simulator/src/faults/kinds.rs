@@ -30,6 +30,21 @@ pub struct FaultKind {
     pub promises: &'static [Promise],
 }
 
+impl FaultKind {
+    /// `KIND[@PLACE]` for each of [`Self::promises`], as the command line takes it; `channel` names
+    /// an analog input.
+    pub fn texts(&self, channel: &str) -> Vec<String> {
+        if self.places.is_empty() {
+            return vec![self.name.to_owned()];
+        }
+        let word = |place: &Place| match place {
+            Place::Channel => channel.to_owned(),
+            place => place.word().to_owned(),
+        };
+        self.places.iter().map(|place| format!("{}@{}", self.name, word(place))).collect()
+    }
+}
+
 /// Part of the rig in which a fault acts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[allow(missing_docs)]

@@ -15,7 +15,7 @@ use cores::{Rig, SESSION, Timeline};
 use ipc_types::{AXES, TripCause, Verb, WatchdogState, Zeros};
 use plant::transmission_kinds::Kind;
 use rig::RigFile;
-use simulator::faults::{Fault, FaultInjector, LIST, Place, Promise};
+use simulator::faults::{Fault, FaultInjector, LIST, Promise};
 use watchdog::interlock::Refusal;
 
 const RIGS: [(Kind, &str); 2] = [
@@ -130,12 +130,7 @@ fn rows() -> Vec<Row> {
     let rigs = RIGS.map(|(kind, text)| (kind, rig(text)));
     let mut rows = Vec::new();
     for kind in LIST {
-        for (at, &promise) in kind.promises.iter().enumerate() {
-            let place = kind.places.get(at).map_or(String::new(), |place| match place {
-                Place::Channel => "@torque".to_owned(),
-                place => format!("@{}", place.word()),
-            });
-            let text = format!("{}{place}", kind.name);
+        for (text, &promise) in kind.texts("torque").into_iter().zip(kind.promises) {
             let outcomes = [0, 1].map(|index| {
                 let (transmission, rig) = &rigs[index];
                 let has = kind.only.is_none_or(|only| only == *transmission)
