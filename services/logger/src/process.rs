@@ -137,6 +137,7 @@ impl Logger {
                 (key::PROFILE, service.domain().profile().text().to_owned()),
                 (key::VERSION, env!("CARGO_PKG_VERSION").to_owned()),
                 (key::REVISION, revision()),
+                (key::KERNEL, kernel()),
                 (key::RIG_NAME, service.domain().name().to_string()),
                 (key::SESSION, format!("{:016x}", service.identity().session)),
             ]
@@ -429,6 +430,14 @@ fn rig_metadata(rig: &RigFile) -> BTreeMap<String, String> {
 fn ends_run(bytes: &[u8]) -> bool {
     let kind = Event::from_bytes(bytes).and_then(|event| EventKind::from_code(event.kind));
     matches!(kind, Some(EventKind::ProtocolDone | EventKind::ProtocolStopped))
+}
+
+/// Name, release and version of the kernel that this computer runs, as `uname -srv` prints them.
+fn kernel() -> String {
+    let system = rustix::system::uname();
+    [system.sysname(), system.release(), system.version()]
+        .map(|part| part.to_string_lossy())
+        .join(" ")
 }
 
 /// Git revision of the build, as every recording carries it; `unknown` where the build had none.

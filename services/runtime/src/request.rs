@@ -9,6 +9,7 @@ use std::time::{Duration, Instant};
 use iceoryx2::port::ReceiveError;
 use iceoryx2::port::server::Server as LibraryServer;
 use iceoryx2::prelude::*;
+use iceoryx2::service::port_factory::client::ClientCreateError;
 use ipc_types::CommandService;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
@@ -36,6 +37,17 @@ pub enum RequestError {
         /// The service.
         service: &'static str,
         /// The limit.
+        limit: Duration,
+    },
+    /// As many programs as the command plane holds are asking already.
+    #[error(
+        "{service}: {CLIENTS} programs are asking already, and none had its answer within \
+         {limit:?}; end one that hangs"
+    )]
+    Busy {
+        /// The service.
+        service: &'static str,
+        /// How long it was tried.
         limit: Duration,
     },
     /// Too long for the command plane.
@@ -223,12 +235,25 @@ pub fn call<Q: Serialize, A: DeserializeOwned>(
     limit: Duration,
 ) -> Result<A, RequestError> {
     let bytes = encode(service, question)?;
-    let client = open(node, service)?
-        .client_builder()
-        .initial_max_slice_len(service.bytes)
-        .backpressure_strategy(BackpressureStrategy::DiscardData)
-        .create()
-        .map_err(failed(service.name, "making a client"))?;
+    let factory = open(node, service)?;
+    let started = Instant::now();
+    let client = loop {
+        let client = factory
+            .client_builder()
+            .initial_max_slice_len(service.bytes)
+            .backpressure_strategy(BackpressureStrategy::DiscardData)
+            .create();
+        match client {
+            // Each client lives for one question, so another has its turn soon.
+            Err(ClientCreateError::ExceedsMaxSupportedClients) if started.elapsed() < limit => {
+                std::thread::sleep(Duration::from_millis(1));
+            }
+            Err(ClientCreateError::ExceedsMaxSupportedClients) => {
+                return Err(RequestError::Busy { service: service.name, limit });
+            }
+            other => break other.map_err(failed(service.name, "making a client"))?,
+        }
+    };
     let loaned =
         client.loan_slice_uninit(bytes.len()).map_err(failed(service.name, "loaning a request"))?;
     let pending = loaned.write_from_slice(&bytes).send().map_err(failed(service.name, "asking"))?;

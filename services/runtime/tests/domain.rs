@@ -3,6 +3,7 @@
 #![allow(clippy::unwrap_used)]
 
 use std::fs;
+use std::sync::{Arc, Barrier};
 use std::time::Duration;
 
 use ipc_types::*;
@@ -86,8 +87,30 @@ fn requests_are_answered(service: &Service, rig: &str) {
         let answer = ask(Duration::from_secs(10)).unwrap();
         assert!(answer.done && answer.reason.len() == 500);
     }
+    more_ask_at_once_than_a_service_has_clients(rig);
     finish.send(()).unwrap();
     server.join().unwrap();
+}
+
+/// Each waits for its turn: an emergency stop is not refused because eight others ask.
+fn more_ask_at_once_than_a_service_has_clients(rig: &str) {
+    let together = Arc::new(Barrier::new(10));
+    let ask = |number: usize| {
+        let (name, together) = (rig.to_owned(), Arc::clone(&together));
+        std::thread::spawn(move || {
+            let domain = Domain::open(&name.parse().unwrap()).unwrap();
+            let node = domain.node(&format!("client-{number}")).unwrap();
+            together.wait();
+            for _ in 0..50 {
+                let limit = Duration::from_secs(60);
+                call::<_, VerbAnswer>(&node, &WATCHDOG_COMMANDS, &Verb::Arm, limit).unwrap();
+            }
+        })
+    };
+    let asking: Vec<_> = (0..10).map(ask).collect();
+    for each in asking {
+        each.join().unwrap();
+    }
 }
 
 #[test]

@@ -289,7 +289,7 @@ mod tests {
 
     #[test]
     fn sr_14_a_refused_arm_does_not_reach_the_loop_and_an_override_is_told() {
-        let gate = DoctorGate::new(None, "bench".parse().unwrap());
+        let gate = DoctorGate::new(None, "bench".parse().unwrap()).unwrap();
         let shared = Arc::new(Shared::new());
         shared.card.store(CardKind::Hardware.code(), Ordering::Relaxed);
         let said = answer_through(&gate, Verb::Arm, &shared);

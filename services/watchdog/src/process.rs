@@ -76,7 +76,7 @@ pub fn run(
     let mut lines = service.publisher(ENABLE_LINE)?;
     let shared = Arc::new(Shared::new());
     let command_thread = command_thread::start(
-        DoctorGate::new(doctor, service.domain().name().clone()),
+        DoctorGate::new(doctor, service.domain().name().clone()).map_err(ServiceError::from)?,
         service.domain().name().clone(),
         Arc::clone(&shared),
         service.stop_flag(),

@@ -50,7 +50,8 @@ pub enum Command {
     /// Clears a latched fault or trip whose cause is no longer present
     #[command(after_help = "Example:\n  farreach reset && farreach arm && farreach enable")]
     Reset(OutputFormat),
-    /// Arms the rig, so that it can be enabled; only `demo` arms by itself, on a simulated card
+    /// Arms the rig, so that it can be enabled. `doctor --move` and `tune` arm by themselves once a
+    /// person has agreed at their terminal; `demo` does, on a simulated card
     #[command(after_help = "Example:\n  farreach doctor && farreach arm")]
     Arm {
         /// Arms a real card although no report of `farreach doctor` allows it: one of this boot,

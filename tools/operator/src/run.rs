@@ -232,7 +232,9 @@ impl Following<'_> {
                     }
                 }
                 Err(Error::Request(
-                    RequestError::NobodyServes(..) | RequestError::TimedOut { .. },
+                    RequestError::NobodyServes(..)
+                    | RequestError::TimedOut { .. }
+                    | RequestError::Busy { .. },
                 )) if answered.elapsed() < ABSENCE_LIMIT => {
                     shown.absent = true;
                 }

@@ -23,6 +23,8 @@ pub mod key {
     pub const REVISION: &str = "revision";
     /// Version of farreach.
     pub const VERSION: &str = "farreach_version";
+    /// Operating system of the computer: name, release and version of its kernel.
+    pub const KERNEL: &str = "kernel";
     /// Name of the rig.
     pub const RIG: &str = "rig";
     /// Text of the rig file.
