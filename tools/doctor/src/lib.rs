@@ -45,8 +45,8 @@ const TICK: Duration = Duration::from_millis(120);
 #[command(after_help = "Examples:\n  farreach doctor\n  farreach doctor --json | \
     jq '.checks[] | select(.verdict == \"fail\")'\n  farreach doctor --trigger 10\n  \
     farreach doctor --list\n  \
-    farreach up --simulate && farreach reset && farreach arm && farreach run home && \
-    farreach doctor --move --yes\n\n\
+    farreach up --simulate && farreach reset && farreach arm\n  \
+    farreach run home && farreach doctor --move --yes\n\n\
     Run it as the user of the rig: what is granted depends on the user. Takes about 10 s, longer \
     with --move. Exit codes: 0 nothing failed, 1 something failed or could not be kept, 2 usage")]
 pub struct Args {
