@@ -5,10 +5,9 @@
 //! A thread of its own reads the report, since a disk may take seconds: the command thread, which
 //! also serves `estop`, waits for it for half a second.
 
-use std::cell::Cell;
-use std::path::{Path, PathBuf};
-use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
-use std::time::{Duration, Instant};
+use std::path::Path;
+use std::sync::mpsc::{SyncSender, sync_channel};
+use std::time::Duration;
 
 use ipc_types::{CardKind, Verb};
 use runtime::machine_report::{MachineReport, objection, unix_ms};
@@ -17,15 +16,11 @@ use runtime::{RigName, machine_report};
 /// Longest time that a verb waits for the report to be read.
 const READ_LIMIT: Duration = Duration::from_millis(500);
 
-/// What speaks against arming, for a question of this number.
-type Objection = (u64, Option<String>);
-
-/// Asks the thread that reads the reports of one rig.
+/// Asks the thread that reads the reports of one rig. Each question brings the channel for its own
+/// answer, what speaks against arming: one that comes late finds it closed.
 #[derive(Debug)]
 pub(crate) struct DoctorGate {
-    questions: SyncSender<u64>,
-    objections: Receiver<Objection>,
-    asked: Cell<u64>,
+    questions: SyncSender<SyncSender<Option<String>>>,
 }
 
 /// What the gate decides about a verb.
@@ -47,20 +42,18 @@ impl DoctorGate {
     /// The thread could not be started.
     pub(crate) fn new(folder: Option<&Path>, rig_name: RigName) -> std::io::Result<Self> {
         let folder = folder.map(Path::to_owned);
-        Self::with_reader(move || objection_in(folder.as_ref(), &rig_name))
+        Self::with_reader(move || objection_in(folder.as_deref(), &rig_name))
     }
 
     fn with_reader(reader: impl Fn() -> Option<String> + Send + 'static) -> std::io::Result<Self> {
-        let (questions, asked) = sync_channel(1);
-        let (answers, objections) = sync_channel(2);
+        let (questions, asked) = sync_channel::<SyncSender<_>>(1);
         std::thread::Builder::new().name("doctor-report".to_owned()).spawn(move || {
-            while let Ok(number) = asked.recv() {
-                if answers.send((number, reader())).is_err() {
-                    break;
-                }
+            while let Ok(answer) = asked.recv() {
+                // Fails where nobody waits any more.
+                let _ = answer.send(reader());
             }
         })?;
-        Ok(Self { questions, objections, asked: Cell::new(0) })
+        Ok(Self { questions })
     }
 
     /// Decides about a verb, for the card that the newest sample names. Waits for a file where it
@@ -76,30 +69,18 @@ impl DoctorGate {
     }
 
     fn objection(&self) -> Option<String> {
-        let number = self.asked.get() + 1;
-        self.asked.set(number);
-        let slow = || {
+        let (answer, objection) = sync_channel(1);
+        let asked = self.questions.try_send(answer).is_ok();
+        let found = asked.then(|| objection.recv_timeout(READ_LIMIT).ok()).flatten();
+        found.unwrap_or_else(|| {
             Some(format!(
                 "the doctor's report could not be read within {READ_LIMIT:?}: is the disk busy?"
             ))
-        };
-        if self.questions.try_send(number).is_err() {
-            return slow();
-        }
-        let until = Instant::now() + READ_LIMIT;
-        loop {
-            let left = until.saturating_duration_since(Instant::now());
-            match self.objections.recv_timeout(left) {
-                Ok((of, objection)) if of == number => return objection,
-                // The late answer to an earlier question.
-                Ok(_) => {}
-                Err(_) => return slow(),
-            }
-        }
+        })
     }
 }
 
-fn objection_in(folder: Option<&PathBuf>, rig_name: &RigName) -> Option<String> {
+fn objection_in(folder: Option<&Path>, rig_name: &RigName) -> Option<String> {
     let Some(folder) = folder else {
         return objection(None, "", 0);
     };
@@ -125,6 +106,8 @@ fn decide(verb: Verb, real: bool, objection: Option<String>) -> Passage {
 
 #[cfg(test)]
 mod tests {
+    use std::time::Instant;
+
     use runtime::machine_report::LAYOUT;
     use runtime::{CheckResult, Verdict};
 
