@@ -261,7 +261,6 @@ pub fn call<Q: Serialize, A: DeserializeOwned>(
     if pending.number_of_server_connections() == 0 {
         return Err(RequestError::NobodyServes(service.name, service.owner.text()));
     }
-    let started = Instant::now();
     loop {
         // Asked before the answer is looked for: a server ends the connection right after its
         // answer, which may come between the two.
