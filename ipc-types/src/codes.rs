@@ -371,6 +371,12 @@ codes! {
         /// The rig was armed with `arm --unchecked`: the text says what spoke against it, or that
         /// nothing did.
         ArmedUnchecked = 49, "armed unchecked";
+        /// From now on a program of others runs in place of a process: the text has the process and
+        /// the command, as far as it fits.
+        ProcessReplaced = 50, "process replaced";
+        /// From now on a process that was replaced runs farreach's own program: the text has the
+        /// process.
+        ProcessRestored = 51, "process restored";
     }
 
     /// What the monitor knows of an axis.

@@ -30,7 +30,8 @@ pub struct Config {
     /// Who supervises the rig.
     #[serde(default)]
     pub supervision: Supervision,
-    /// Program and arguments of the units that run a program of others in place of farreach's.
+    /// Program and arguments of the units that run a program of others in place of farreach's. The
+    /// logger reads it, and [`Self::supervision`], in `launch.json`.
     #[serde(default)]
     pub replaced: BTreeMap<String, Vec<String>>,
 }

@@ -25,6 +25,7 @@ pub enum Expected {
 
 /// Processes whose silence takes the volts away.
 pub const LOOPS: [&str; 4] = ["acquisition", "control", "watchdog", "simulator"];
+
 /// Of the death of a process.
 pub fn of_death(process: &str, profile: Profile) -> Expected {
     match (off_bound(process, profile), process) {

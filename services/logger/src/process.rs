@@ -1,6 +1,7 @@
 //! The process: messages from shared memory to the recorder, requests, counters and events.
 
 mod machine;
+mod replacements;
 mod reports;
 mod requests;
 
@@ -19,6 +20,7 @@ use ipc_types::{
 };
 use recording::mcap_read::Recording;
 use recording::mcap_write::{Positions, key};
+use recording::replaced::Replaced;
 use rig::RigFile;
 use runtime::clock::{ClockPair, MILLISECOND_NS, SECOND_NS, now_ns};
 use runtime::{Grid, PortError, Publisher, RawSubscriber, Service, ServiceError, open_raw};
@@ -28,6 +30,7 @@ use crate::recorder_front_end::{Outcome, RecorderError, RecorderFrontEnd, StartR
 use crate::state;
 
 use machine::{doctor_report, in_words};
+use replacements::Replacements;
 use requests::{PendingRequest, RequestReceiver};
 
 /// Every topic's buffer holds at least 100 ms at its fastest rate, which leaves margin for a late
@@ -95,6 +98,7 @@ pub struct Logger {
     requests: RequestReceiver,
     metadata: BTreeMap<String, String>,
     doctor: Option<PathBuf>,
+    replacements: Replacements,
     /// the protocol that is being played; empty where none is
     run: BTreeMap<String, String>,
     /// realtime minus monotonic of the recording (ns)
@@ -159,6 +163,7 @@ impl Logger {
             topics,
             metadata,
             doctor: options.doctor.clone(),
+            replacements: Replacements::new(&directory),
             run: BTreeMap::new(),
             file_offset_ns: 0,
             reported_losses: vec![0; TOPICS.len()],
@@ -197,7 +202,7 @@ impl Logger {
             let path = directory.join(BEGUN);
             fs::write(&path, &mark).map_err(|source| LoggerError::StateDirectory { path, source })
         };
-        if let Some(request) = kept {
+        if let Some(mut request) = kept {
             // A logger that was killed between the start of the recording and its mark would begin
             // part 1 again once this part is ended.
             if record == Some(request.path.as_path()) {
@@ -205,11 +210,16 @@ impl Logger {
             }
             self.run.clone_from(&request.run);
             let path = request.path.clone();
+            let now = self.replacements.now().to_text();
+            let then = request.metadata.insert(key::REPLACED.to_owned(), now);
             if let Err(reason) = self.start_and_wait(request)? {
                 // No reason to end: a person can begin another recording.
                 let text = format!("{} does not continue: {reason}", path.display());
                 self.service.event(EventKind::DataLost, Severity::Error, [0.0; 3], &text)?;
             }
+            // What changed while no logger ran is told in the part that has begun.
+            let changes = then.map(|then| self.replacements.since(&Replaced::of_text(&then)));
+            self.tell(changes.unwrap_or_default())?;
         } else if let Some(path) = record
             && !begun
         {
@@ -226,6 +236,7 @@ impl Logger {
         // The logger's own entries take precedence.
         metadata.extend(self.metadata.clone());
         metadata.extend(doctor_report(self.doctor.as_deref(), self.service.domain().name()));
+        metadata.insert(key::REPLACED.to_owned(), self.replacements.now().to_text());
         StartRequest {
             path,
             part: 1,
@@ -291,6 +302,7 @@ impl Logger {
             let (beat, count) = (wake.woke_ns / HEARTBEAT_NS, wake.woke_ns / SECOND_NS);
             if beat != last_beat {
                 last_beat = beat;
+                self.report_replacements()?;
                 self.heartbeat()?;
             }
             if count != last_count {
@@ -338,10 +350,12 @@ impl Logger {
                 return Ok(());
             }
             LoggerRequest::Start { path, metadata } => {
+                self.report_replacements()?;
                 let request = self.start_request(path.into(), metadata.into_iter().collect());
                 self.start(request).map(|()| self.start_reply = Some(reply.clone()))
             }
             LoggerRequest::Stop => {
+                self.report_replacements()?;
                 // Everything published before the request is in the buffers by now.
                 self.drain()?;
                 self.recorder.stop().map(|()| self.stop_reply = Some(reply.clone()))
@@ -370,6 +384,7 @@ impl Logger {
     /// again in this session continues with the next part.
     fn end(mut self) -> Result<(), LoggerError> {
         self.report_losses()?;
+        self.report_replacements()?;
         self.publish_counts()?;
         self.service.end()?;
         self.drain()?;

@@ -109,6 +109,12 @@ impl Bench {
         }
     }
 
+    /// Writes which processes run other programs, as the launcher does.
+    fn replace(&self, replaced: &str) {
+        let text = format!(r#"{{"rig_name": "bench", "replaced": {replaced}}}"#);
+        std::fs::write(self.name.run_directory().join("launch.json"), text).unwrap();
+    }
+
     fn ask(&self, request: &LoggerRequest) -> LoggerAnswer {
         call(self.service.node(), &LOGGER_COMMANDS, request, LONG).unwrap()
     }
@@ -145,6 +151,8 @@ fn records_from_the_start(bench: &mut Bench) {
         assert_eq!(recording.metadata(key), Some(value), "{key}");
     }
     assert!(recording.metadata(key::REVISION).is_some());
+    // No launcher has started this rig.
+    assert!(recording.metadata(key::REPLACED).unwrap().starts_with("not known: "));
     // its own topics are in it, the last words included
     for topic in ["loss", "clock", "heartbeat/logger", "event/logger"] {
         assert!(
@@ -164,6 +172,7 @@ fn continues_with_the_next_part(bench: &mut Bench) -> Running {
     // Also where it was killed before it could note that it had begun.
     let begun = bench.name.run_directory().join("recording.begun");
     std::fs::remove_file(&begun).unwrap();
+    bench.replace(r#"{"control": ["/bin/a", "-x"]}"#);
     let logger = launch(&bench.name, &bench.options).unwrap();
     let second = bench.path("run.part2.mcap");
     assert!(
@@ -180,7 +189,12 @@ fn continues_with_the_next_part(bench: &mut Bench) -> Running {
     assert_eq!((answer.recording, answer.lost, answer.error.as_str()), (None, 0, ""));
     assert!(answer.written >= 50, "{}", answer.written);
     assert_eq!(ticks(&second), (300..350).collect::<Vec<_>>());
-    assert_eq!(Recording::open(&second).unwrap().metadata("subject"), Some("s01"));
+    let recording = Recording::open(&second).unwrap();
+    assert_eq!(recording.metadata("subject"), Some("s01"));
+    // What happened while no logger ran is told, and what holds from this part's beginning.
+    assert_eq!(recording.metadata(key::REPLACED), Some(r#"{"control":["/bin/a","-x"]}"#));
+    let replaced = (EventKind::ProcessReplaced, "control: /bin/a -x".to_owned());
+    assert!(events(&second).contains(&replaced), "{:?}", events(&second));
     let answer = bench.ask(&LoggerRequest::Stop);
     assert!(answer.error.contains("nothing is being recorded"), "{}", answer.error);
     logger
@@ -202,6 +216,7 @@ fn records_on_request(bench: &mut Bench) {
     assert!(answer.error.contains("already recording"), "{}", answer.error);
     let metadata = vec![(key::PROTOCOL.to_owned(), "guided".to_owned())];
     assert_eq!(bench.ask(&LoggerRequest::Run { metadata }).error, "");
+    bench.replace("{}");
     bench.publish(360..400);
     std::thread::sleep(Duration::from_millis(200));
     // a hole in the sequence is told of and counted
@@ -216,6 +231,10 @@ fn records_on_request(bench: &mut Bench) {
         ["guided"]
     );
     assert_eq!(recording.metadata("axis.0.unit"), Some("rad"));
+    assert_eq!(recording.metadata(key::REPLACED), Some(r#"{"control":["/bin/a","-x"]}"#));
+    let restored = (EventKind::ProcessRestored, "control".to_owned());
+    let told = events(&third).into_iter().filter(|event| *event == restored).count();
+    assert_eq!(told, 1, "{:?}", events(&third));
     assert_eq!(written[0], 360);
     assert_eq!(answer.lost, 40 + 40 * buffer - written.len() as u64);
     assert!(answer.lost > 0, "the buffer was never full: the test says nothing");

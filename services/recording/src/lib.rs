@@ -5,6 +5,7 @@
 //! - [`mcap_read`]: reads such files, whole or torn, also those of older builds.
 //! - [`mcap_edit`]: recover, cut and merge.
 //! - [`record`]: a measured record, column by column, checked before use.
+//! - [`replaced`]: what a recording says of processes in whose place programs of others run.
 //! - [`schema`]: the layout of messages, from the schemas in the recording.
 //!
 //! Nothing here reads a clock: times come in as arguments, in ns.
@@ -16,6 +17,7 @@ pub mod mcap_write;
 mod parts;
 pub mod record;
 mod record_checksum;
+pub mod replaced;
 pub mod schema;
 
 pub use parts::{part_path, parts_of};

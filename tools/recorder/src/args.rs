@@ -10,8 +10,8 @@ use crate::volumes::PulseInput;
 /// Recordings on and off, and what to do with the files.
 #[derive(Clone, Debug, Subcommand)]
 pub enum Command {
-    /// What is in a recording: when, which rig, subject and protocol, which topics, and what the
-    /// monitor said of the model beside the machine.
+    /// What is in a recording: when, which rig, subject and protocol, which topics, which
+    /// processes ran programs of others, and what the monitor said of the model beside the machine.
     ///
     /// Example: farreach rec info run.mcap --text rig_file > rig.toml
     Info {

@@ -7,8 +7,10 @@ use std::path::{Path, PathBuf};
 use anyhow::bail;
 use recording::mcap_edit::{EditReport, check_related, rewrite};
 use recording::mcap_read::Recording;
+use recording::mcap_write::key;
 
 use crate::inspect::grouped;
+use crate::replacements::note_for_copy;
 use crate::{DATA_LOST, DONE, exit_code_of_tail};
 
 pub(crate) fn recover(
@@ -18,7 +20,8 @@ pub(crate) fn recover(
     out: &mut dyn Write,
 ) -> anyhow::Result<i32> {
     let recording = Recording::open_damaged(file)?;
-    let report = rewrite(&[&recording], None, None, &how("recover", &[file]), to)?;
+    let notes = with_replaced(how("recover", &[file]), &recording, None)?;
+    let report = rewrite(&[&recording], None, None, &notes, to)?;
     report_edit(&report, to, json, true, out)?;
     for damage in &recording.damage {
         eprintln!("{}: damaged at byte {}: {}", file.display(), damage.offset, damage.what);
@@ -58,7 +61,7 @@ pub(crate) fn cut(
             (last - first) as f64 * 1e-9
         );
     }
-    let mut notes = how("cut", &[file]);
+    let mut notes = with_replaced(how("cut", &[file]), &recording, from.map(at))?;
     for (name, value) in [("from_s", from), ("to_s", until)] {
         notes.extend(value.map(|value| (name.to_owned(), value.to_string())));
     }
@@ -97,6 +100,17 @@ fn how(verb: &str, files: &[&Path]) -> BTreeMap<String, String> {
         .map(|name| name.to_string_lossy())
         .collect();
     BTreeMap::from([("edit".to_owned(), verb.to_owned()), ("sources".to_owned(), names.join(", "))])
+}
+
+/// The notes for a copy of one file, with the processes that were replaced where it begins.
+fn with_replaced(
+    mut notes: BTreeMap<String, String>,
+    recording: &Recording,
+    from_ns: Option<u64>,
+) -> anyhow::Result<BTreeMap<String, String>> {
+    let noted = note_for_copy(recording, from_ns)?;
+    notes.extend(noted.map(|noted| (key::REPLACED.to_owned(), noted)));
+    Ok(notes)
 }
 
 fn report_edit(

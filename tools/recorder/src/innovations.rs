@@ -17,6 +17,7 @@ use crate::innovations_page::{Course, RowSeen, page};
 use crate::inspect::grouped;
 use crate::monitored::{Happened, Sites};
 use crate::output::{none_exists, write_new};
+use crate::replacements::replaced_lines;
 use crate::{DATA_LOST, DONE};
 
 /// Samples after a row's first that it is made of, and a few that make no further one.
@@ -71,7 +72,7 @@ pub(crate) fn innovations(
     }
     if let Some(path) = files.page {
         let subtitle = subtitle(file, &rig, &replay);
-        write_new(path, page(&course, &subtitle).render()?)?;
+        write_new(path, page(&course, &replaced_lines(&recording)?, &subtitle).render()?)?;
     }
     let code = if replay.same == replay.live { DONE } else { DATA_LOST };
     if json {

@@ -41,10 +41,13 @@ pub(crate) struct Course {
     pub(crate) last: Vec<ModelStatus>,
 }
 
-/// The whole page; `subtitle` says of what.
-pub(crate) fn page(course: &Course, subtitle: &str) -> Page {
+/// The whole page; `subtitle` says of what, and `replaced` which programs of others ran.
+pub(crate) fn page(course: &Course, replaced: &[String], subtitle: &str) -> Page {
     let mut page = Page::new("Does the machine keep to its model?").subtitle(subtitle);
     let departures = course.events.iter().filter(|event| event.is_departure()).count();
+    for line in replaced {
+        page = page.verdict(Tone::Warning, line, "");
+    }
     for axis in &course.last {
         page = page.verdict(tone(axis, departures), &sentence(axis), "");
     }
@@ -300,17 +303,27 @@ mod tests {
             ..ModelState::default()
         });
         course.last = newest.status(None, 0);
-        let html = page(&course, "run.mcap").render().unwrap();
+        let replaced = "replaced: control: /bin/true (from the start)".to_owned();
+        let html = page(&course, &[replaced], "run.mcap").render().unwrap();
         assert_eq!(html.matches("<figure").count(), 2);
-        for text in ["Axis 0: DEPARTED", "cumulative sum", "farreach identify", "velocity / (°/s)"]
-        {
+        for text in [
+            "replaced: control: /bin/true",
+            "Axis 0: DEPARTED",
+            "cumulative sum",
+            "farreach identify",
+            "velocity / (°/s)",
+        ] {
             assert!(html.contains(text), "{text}");
         }
     }
 
     #[test]
     fn without_an_axis_the_page_says_what_is_missing() {
-        let html = page(&Course::default(), "run.mcap").render().unwrap();
-        assert!(!html.contains("<svg") && html.contains("What to do next"));
+        let html = page(&Course::default(), &[], "run.mcap").render().unwrap();
+        assert!(
+            !html.contains("replaced")
+                && !html.contains("<svg")
+                && html.contains("What to do next")
+        );
     }
 }

@@ -12,6 +12,7 @@ use recording::mcap_write::{DAMAGED_RECORD, key};
 use serde_json::{Value, json};
 
 use crate::monitored::Monitored;
+use crate::replacements::Replacements;
 use crate::{DATA_LOST, DONE};
 
 /// Prints one entry of the metadata: of the recording, or of a protocol that was played.
@@ -56,9 +57,12 @@ pub(crate) fn info(file: &Path, json: bool, out: &mut dyn Write) -> anyhow::Resu
     let recording = Recording::open_damaged(file)?;
     let check = recording.check()?;
     let monitored = Monitored::read(&recording)?;
+    let replacements = Replacements::read(&recording)?;
     if json {
         let mut value = as_json(&recording, &check);
         value["model"] = json!(monitored);
+        value["replaced"] = json!(replacements.processes);
+        value["replaced_not_known"] = json!(replacements.not_known);
         writeln!(out, "{value}")?;
         return Ok(DONE);
     }
@@ -75,6 +79,9 @@ pub(crate) fn info(file: &Path, json: bool, out: &mut dyn Write) -> anyhow::Resu
         writeln!(out, "  from {began}, {:.3} s", last.saturating_sub(origin) as f64 * 1e-9)?;
     }
     about(&recording, out)?;
+    for line in replacements.lines() {
+        writeln!(out, "  {line}")?;
+    }
     if !recording.start_is_guarded() {
         writeln!(
             out,

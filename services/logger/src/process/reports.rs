@@ -6,6 +6,7 @@ use runtime::PortError;
 use runtime::clock::ClockPair;
 
 use super::Logger;
+use super::replacements::Change;
 use crate::recorder_front_end::Outcome;
 
 impl Logger {
@@ -104,6 +105,19 @@ impl Logger {
                 let values = [(lost - reported) as f64, lost as f64, index as f64];
                 self.service.event(EventKind::DataLost, Severity::Error, values, &text)?;
             }
+        }
+        Ok(())
+    }
+
+    /// Publishes an event for each process that has another program since the last call.
+    pub(super) fn report_replacements(&mut self) -> Result<(), PortError> {
+        let changes = self.replacements.look();
+        self.tell(changes)
+    }
+
+    pub(super) fn tell(&mut self, changes: Vec<Change>) -> Result<(), PortError> {
+        for Change { kind, severity, text } in changes {
+            self.service.event(kind, severity, [0.0; 3], &text)?;
         }
         Ok(())
     }

@@ -45,6 +45,9 @@ pub mod key {
     pub const DOCTOR: &str = "doctor";
     /// That report as JSON; absent where there was none.
     pub const DOCTOR_REPORT: &str = "doctor_report";
+    /// Processes in whose place programs of others run when the recording begins, see
+    /// [`crate::replaced::Replaced`]; absent in recordings of older builds.
+    pub const REPLACED: &str = "replaced";
     /// Processor of each loop; absent where the loops are not placed.
     pub const PLACEMENT: &str = "placement";
     /// Name of the protocol.

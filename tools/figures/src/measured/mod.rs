@@ -13,7 +13,7 @@ mod work;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, Result, bail};
-use recorder::{PlayedSegment, Samples, played_segments};
+use recorder::{PlayedSegment, Samples, played_segments, replaced_lines};
 use recording::mcap_read::Recording;
 use rig::protocol::{Envelope, Movement};
 use rig::{AxisUnit, HandKind, RigFile};
@@ -70,14 +70,15 @@ pub(crate) fn run(file: &Path, axis: usize, out: Option<PathBuf>, json: bool) ->
     let segments = played_segments(&recording, &samples.rig)?;
     let shown = all(file, &samples, &segments, axis)?;
     let text = serde_json::to_string_pretty(&shown)?;
+    let replaced = replaced_lines(&recording)?;
     if let Some(out) = &out {
-        folder::write(out, &page::files(file, &samples.rig, axis, &shown, &text)?)?;
+        folder::write(out, &page::files(file, &samples.rig, axis, &replaced, &shown, &text)?)?;
     }
     if json {
         println!("{text}");
         return Ok(0);
     }
-    for line in page::lines(&shown) {
+    for line in replaced.into_iter().chain(page::lines(&shown)) {
         println!("{line}");
     }
     if let Some(out) = out {

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use anyhow::Result;
 use report::Colour::{Black, Blue, Grey, Vermillion};
-use report::{Figure, Page, Panels, Table};
+use report::{Figure, Page, Panels, Table, Tone};
 use rig::RigFile;
 
 use super::friction::{Direction, FrictionMap, SpeedPoint};
@@ -15,7 +15,7 @@ use super::{Beside, Shown};
 /// Coherence below which a gain says little.
 const COHERENT: f64 = 0.8;
 
-/// The files of a folder: page, figures, numbers.
+/// The files of a folder: page, figures, numbers. `replaced` says which programs of others ran.
 ///
 /// # Errors
 /// Where a figure cannot be drawn.
@@ -23,6 +23,7 @@ pub(super) fn files(
     file: &Path,
     rig: &RigFile,
     axis: usize,
+    replaced: &[String],
     shown: &[Shown],
     json: &str,
 ) -> Result<Vec<(String, Vec<u8>)>> {
@@ -31,6 +32,9 @@ pub(super) fn files(
         file.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned()),
         rig.name
     ));
+    for line in replaced {
+        page = page.verdict(Tone::Warning, line, "");
+    }
     let mut files = Vec::new();
     for (heading, panels, caption) in figures(shown) {
         let name = format!("figure-{}.svg", files.len() + 1);
