@@ -194,6 +194,11 @@ impl ComediCard {
         self.axes.iter().any(|axis| axis.output.is_some())
     }
 
+    /// Whether the card sees if the motor that it drives has power.
+    pub fn reports_power(&self) -> bool {
+        self.has_outputs() && self.motor_power.is_some()
+    }
+
     /// The node of a device that a part of the wiring may name.
     pub fn node<'a>(&'a self, device: &'a Option<String>) -> &'a str {
         device.as_deref().unwrap_or(&self.device)

@@ -271,6 +271,7 @@ impl Daq for ComediDaq {
             accepts_output: has_outputs,
             digital_outputs: self.wiring.digital_outputs(),
             enable_line: own.enable_line.filter(|_| has_outputs),
+            reports_power: own.reports_power && has_outputs && self.wiring.sees_motor_power(),
             ..own
         }
     }

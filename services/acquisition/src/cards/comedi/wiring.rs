@@ -297,6 +297,11 @@ impl Wiring {
             .is_some_and(|(line, active_low)| (self.levels(line) == 1) != *active_low)
     }
 
+    /// Whether an input sees if the motor has power.
+    pub(super) const fn sees_motor_power(&self) -> bool {
+        self.motor_power.is_some()
+    }
+
     /// Number of the digital outputs.
     pub(super) fn digital_outputs(&self) -> u32 {
         self.digital_outputs.as_ref().map_or(0, |lines| lines.mask.count_ones())
