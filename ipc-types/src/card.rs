@@ -46,6 +46,9 @@ pub struct Capabilities {
     /// Who drives the edges of the enable line; `None` for a card that does not drop the motor by
     /// itself when the line stops toggling.
     pub enable_line: Option<LineDriver>,
+    /// Whether its scans tell if the motor has power. A comedi card does where the rig file wires a
+    /// contact of the relay to it.
+    pub reports_power: bool,
     /// Whether it moves a real machine: it then arms in the realtime profile only.
     pub real: bool,
 }
@@ -69,6 +72,7 @@ impl CardKind {
             digital_outputs: 0,
             holds_on_exit: false,
             enable_line: None,
+            reports_power: false,
             real: false,
         };
         match self {
@@ -78,6 +82,7 @@ impl CardKind {
                 digital_outputs: 8,
                 holds_on_exit: true,
                 enable_line: Some(LineDriver::Watchdog),
+                reports_power: true,
                 ..none
             },
             // A file drops nothing.
@@ -86,12 +91,13 @@ impl CardKind {
             Self::Hardware => {
                 Capabilities { accepts_output: true, holds_on_exit: true, real: true, ..none }
             }
-            // A rig file gives motors to it only with an enable line.
+            // A rig file gives motors to it only with an enable line and the sight of their power.
             Self::Comedi => Capabilities {
                 accepts_output: true,
                 digital_outputs: 8,
                 holds_on_exit: true,
                 enable_line: Some(LineDriver::Watchdog),
+                reports_power: true,
                 real: true,
                 ..none
             },

@@ -206,8 +206,9 @@ codes! {
         SensorStuck = 37, "sensor reading does not change";
         /// No logger runs.
         LoggerLost = 38, "logger lost";
-        /// The card reports no motor power any more, although it is permitted.
-        PowerLost = 39, "motor power cut from outside";
+        /// The card reports no motor power although it is permitted: it did not come, or was cut
+        /// from outside.
+        PowerMissing = 39, "motor power missing";
     }
 
     /// What control does.

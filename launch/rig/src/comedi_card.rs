@@ -27,7 +27,7 @@ pub struct ComediCard {
     /// The motor's enable line; required with outputs.
     pub enable_line: Option<DigitalLines>,
     /// Where the card sees that the motor has power; required with outputs.
-    pub motor_power: Option<MotorPower>,
+    pub motor_power: Option<SignalLine>,
     /// Digital inputs of the samples.
     pub digital_inputs: Option<DigitalLines>,
     /// Digital outputs for other instruments.
@@ -75,6 +75,12 @@ pub struct ComediAxis {
     pub master: EncoderCounter,
     /// Counter of the encoder at the handle.
     pub slave: Option<EncoderCounter>,
+    /// Where the encoder at the motor, or what is at its cable, reports a fault.
+    pub master_fault: Option<SignalLine>,
+    /// The same of the encoder at the handle.
+    pub slave_fault: Option<SignalLine>,
+    /// The same of the torque cell's amplifier.
+    pub torque_fault: Option<SignalLine>,
 }
 
 /// An analog output.
@@ -116,12 +122,12 @@ pub struct DigitalLines {
     pub count: u32,
 }
 
-/// The input that says whether the motor has power.
+/// An input that says yes or no: whether the motor has power, or a sensor a fault.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct MotorPower {
+pub struct SignalLine {
     /// One line.
     pub line: DigitalLines,
-    /// Whether the line is low while the motor has power.
+    /// Whether the line is low while it says yes.
     pub active_low: bool,
 }
 
@@ -182,7 +188,11 @@ impl ComediCard {
                 "[comedi.enable_line]",
                 LINE_KEYS,
             ),
-            motor_power: MotorPower::read(section.section("motor_power")),
+            motor_power: SignalLine::read(
+                section.section("motor_power"),
+                "[comedi.motor_power]",
+                POWER_KEYS,
+            ),
             digital_inputs: DigitalLines::read_several(digital.section("inputs")),
             digital_outputs: DigitalLines::read_several(digital.section("outputs")),
         })
@@ -192,6 +202,21 @@ impl ComediCard {
     /// none.
     pub fn has_outputs(&self) -> bool {
         self.axes.iter().any(|axis| axis.output.is_some())
+    }
+
+    /// Whether the card sees if the motor that it drives has power.
+    pub fn reports_power(&self) -> bool {
+        self.has_outputs() && self.motor_power.is_some()
+    }
+
+    /// The inputs that say yes or no, each with its key: motor power, and faults of sensors.
+    pub fn signals(&self) -> Vec<(String, &SignalLine)> {
+        let power = self.motor_power.iter().map(|line| ("comedi.motor_power".to_owned(), line));
+        let faults = self.axes.iter().enumerate().flat_map(|(at, axis)| {
+            let lines = axis.fault_lines().into_iter();
+            lines.filter_map(move |(name, line)| Some((format!("comedi.axes.{at}.{name}"), line?)))
+        });
+        power.chain(faults).collect()
     }
 
     /// The node of a device that a part of the wiring may name.
@@ -235,6 +260,9 @@ const AXIS_KEYS: Keys = &[
     ("readback", "Index of the analog input that reads the motor's voltage back."),
     ("master", "Counter of the encoder at the motor; required."),
     ("slave", "Counter of the encoder at the handle; required with [axes.slave]."),
+    ("master_fault", "Sees a fault of the encoder at the motor, which is then absent."),
+    ("slave_fault", "Sees a fault of the encoder at the handle."),
+    ("torque_fault", "Sees a fault of the torque cell's amplifier, whose input is then absent."),
 ];
 
 impl ComediAxis {
@@ -253,12 +281,25 @@ impl ComediAxis {
             section.problem("master", "the counter of the master's encoder", "nothing", advice);
         }
         let slave = section.section("slave");
+        let fault = |key| SignalLine::read(section.section(key), FAULT_SECTIONS, FAULT_KEYS);
         Self {
             output: channel.map(|_| output),
             readback: readback.map(|index| index as usize),
             master: EncoderCounter::read(section.section("master")),
             slave: slave.exists().then(|| EncoderCounter::read(slave)),
+            master_fault: fault("master_fault"),
+            slave_fault: fault("slave_fault"),
+            torque_fault: fault("torque_fault"),
         }
+    }
+
+    /// The lines that report faults of master, slave and torque cell, each with its key.
+    pub const fn fault_lines(&self) -> [(&'static str, Option<&SignalLine>); 3] {
+        [
+            ("master_fault", self.master_fault.as_ref()),
+            ("slave_fault", self.slave_fault.as_ref()),
+            ("torque_fault", self.torque_fault.as_ref()),
+        ]
     }
 }
 
@@ -308,6 +349,14 @@ const POWER_KEYS: Keys = &[
     ("channel", "Channel of the line."),
     ("active", "Whether the line is high or low while the motor has power."),
 ];
+const FAULT_SECTIONS: &str =
+    "[comedi.axes.master_fault], [comedi.axes.slave_fault] and [comedi.axes.torque_fault]";
+const FAULT_KEYS: Keys = &[
+    ("device", "Node of its device, where it is on another one."),
+    ("subdevice", "Subdevice of the line."),
+    ("channel", "Channel of the line."),
+    ("active", "Whether the line is high or low while there is a fault."),
+];
 const LINES_KEYS: Keys = &[
     ("device", "Node of their device, where they are on another one."),
     ("subdevice", "Subdevice of the lines."),
@@ -351,10 +400,15 @@ impl DigitalLines {
     }
 }
 
-impl MotorPower {
-    fn read(section: Section<'_>) -> Option<Self> {
-        let line = DigitalLines::read_one(&section, "[comedi.motor_power]", POWER_KEYS)?;
+impl SignalLine {
+    fn read(section: Section<'_>, name: &'static str, keys: Keys) -> Option<Self> {
+        let line = DigitalLines::read_one(&section, name, keys)?;
         let active_low = section.word_or("active", &[("high", false), ("low", true)], false);
         Some(Self { line, active_low })
+    }
+
+    /// Whether the line says yes at a level.
+    pub const fn is_active(&self, high: bool) -> bool {
+        high != self.active_low
     }
 }

@@ -61,7 +61,7 @@ pub use built_in_files::{
 pub use channel::{Channel, ChannelKind};
 pub use comedi_card::{
     Calibration, ComediAxis, ComediCard, DigitalLines, EncoderCounter, InputCalibration,
-    MotorOutput, MotorPower,
+    MotorOutput, SignalLine,
 };
 pub use compensation::{Compensation, CompensationKind, ControlOptions, Observer, SlaveLoop};
 pub use content_hash::identity;

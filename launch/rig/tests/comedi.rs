@@ -135,6 +135,114 @@ fn mistakes_are_told_with_key_expected_and_found() {
     }
 }
 
+const SLAVE: &str =
+    "slave = { device = \"/dev/comedi1\", subdevice = 1, channel = 1, mode = \"none\" }\n";
+
+/// The rig with more keys for its axis of the card.
+fn with_keys(keys: &str) -> String {
+    edited(SLAVE, &format!("{SLAVE}{keys}\n"))
+}
+
+/// The rig with a force cell at its third input.
+fn with_force_cell(text: &str) -> String {
+    let cell =
+        "[axes.torque]\nchannel = 2\nvolts_per_n = 0.1\n\n[axes.limits]\nforce_max_n = 50.0\n";
+    let text = text.replace("[axes.limits]\n", cell);
+    text.replace("name = \"flat_2\"\nkind = \"other\"", "name = \"flat_2\"\nkind = \"torque\"")
+}
+
+#[test]
+fn a_sensor_s_fault_line_is_read_with_its_level() {
+    let text = with_force_cell(&with_keys(
+        "master_fault = { subdevice = 2, channel = 3 }\n\
+         slave_fault = { device = \"/dev/comedi3\", subdevice = 2, channel = 3 }\n\
+         torque_fault = { subdevice = 2, channel = 4, active = \"low\" }",
+    ));
+    let card = RigFile::parse(&text, "rig.toml").unwrap().comedi.unwrap();
+    let keys: Vec<String> = card.signals().into_iter().map(|(key, _)| key).collect();
+    assert_eq!(
+        keys,
+        [
+            "comedi.motor_power",
+            "comedi.axes.0.master_fault",
+            "comedi.axes.0.slave_fault",
+            "comedi.axes.0.torque_fault"
+        ]
+    );
+    let [(_, master), (_, slave), (_, torque)] = card.axes[0].fault_lines();
+    let (master, slave, torque) = (master.unwrap(), slave.unwrap(), torque.unwrap());
+    assert_eq!(
+        (card.node(&master.line.device), card.node(&slave.line.device)),
+        ("/dev/comedi2", "/dev/comedi3")
+    );
+    assert_eq!((torque.line.subdevice, torque.line.mask()), (2, 1 << 4));
+    for (line, high, low) in [(master, true, false), (slave, true, false), (torque, false, true)] {
+        assert_eq!((line.is_active(true), line.is_active(false)), (high, low));
+    }
+    // A rig without them has none.
+    let card = RigFile::parse(RIG, "rig.toml").unwrap().comedi.unwrap();
+    assert!(card.axes[0].fault_lines().iter().all(|(_, line)| line.is_none()));
+}
+
+#[test]
+fn a_fault_line_has_one_purpose_and_a_sensor() {
+    let at = |subdevice: u32, channel: u32| {
+        format!("{{ device = \"/dev/comedi0\", subdevice = {subdevice}, channel = {channel} }}")
+    };
+    let master = |line: String| with_keys(&format!("master_fault = {line}"));
+    let two = format!("master_fault = {}\nslave_fault = {}", at(1, 5), at(1, 5));
+    let cases = [
+        (
+            master(at(2, 0)),
+            "comedi.axes.0.master_fault: expected lines that comedi.enable_line does not use, \
+             found subdevice 2, line 0; each line has one purpose",
+        ),
+        (
+            master(at(1, 4)),
+            "comedi.axes.0.master_fault: expected lines that comedi.motor_power does not use",
+        ),
+        (
+            master(at(1, 3)),
+            "comedi.digital.inputs: expected lines that comedi.axes.0.master_fault does not use, \
+             found subdevice 1, line 3",
+        ),
+        (
+            master(at(0, 7)),
+            "comedi.digital.outputs: expected lines that comedi.axes.0.master_fault does not use, \
+             found subdevice 0, line 7",
+        ),
+        (
+            with_keys(&two),
+            "comedi.axes.0.slave_fault: expected lines that comedi.axes.0.master_fault does not",
+        ),
+        (
+            with_keys(&format!("torque_fault = {}", at(1, 5))),
+            "comedi.axes.0.torque_fault: expected nothing: the axis has no [axes.torque], found a \
+             line; add the section, or take the line out",
+        ),
+        (
+            with_keys(&format!("slave_fault = {}", at(1, 5)))
+                .replace("[axes.slave]\ncounts_per_metre = 2.0e7\n", ""),
+            "comedi.axes.0.slave_fault: expected nothing: the axis has no [axes.slave]",
+        ),
+        (
+            with_keys("master_fault = { subdevice = 1, channel = 0, active = \"hi\" }"),
+            "comedi.axes.0.master_fault.active: expected one of \"high\", \"low\"",
+        ),
+        (
+            with_keys("master_fault = { subdevice = 1 }"),
+            "comedi.axes.0.master_fault.channel: expected",
+        ),
+    ];
+    for (text, expected) in cases {
+        let message = RigFile::parse(&text, "rig.toml").unwrap_err().to_string();
+        assert!(message.contains(expected), "{expected}:\n{message}");
+    }
+    // A line of that number elsewhere is another one.
+    let text = master("{ device = \"/dev/comedi2\", subdevice = 1, channel = 4 }".to_owned());
+    RigFile::parse(&text, "rig.toml").unwrap();
+}
+
 #[test]
 fn a_motor_needs_its_line_and_the_sight_of_its_power() {
     let start = RIG.find("[comedi.enable_line]").unwrap();

@@ -9,6 +9,8 @@ mod guest;
 use std::io::{BufRead, BufReader, Write};
 use std::process::{Command, Stdio};
 
+use acquisition::Converter;
+use acquisition::homing::Homing;
 use comedi::{Device, Errno, OutputLine, channel_spec};
 use ipc_types::CardKind;
 use rig::Rates;
@@ -214,6 +216,57 @@ fn digital_lines_show_and_are_shared() {
     assert_eq!(parport.bits(2, 0, 0).unwrap(), 0b1100);
 }
 
+/// The rig without outputs and inputs, with a force cell, and with more keys for its axis.
+fn measured(keys: &str) -> String {
+    let lines = RIG.find("[comedi.enable_line]").unwrap()..RIG.find("[comedi.digital.out").unwrap();
+    let text = RIG.replace(&RIG[lines], "").replace("output_channel = 0", keys);
+    let cell = "[axes.torque]\nchannel = 2\nvolts_per_n = 0.1\n\n[axes.limits]\nforce_max_n = 50.0";
+    let text = text.replace("[axes.limits]", cell);
+    text.replace("name = \"flat_2\"\nkind = \"other\"", "name = \"flat_2\"\nkind = \"torque\"")
+}
+
+/// The fault line of each sensor in turn, at the input of the port that answers to its outputs.
+#[test]
+fn a_fault_line_takes_its_sensor_away_for_as_long_as_it_is_active() {
+    if !is_guest() {
+        return;
+    }
+    let encoders = Encoders::open();
+    encoders.show(0x8000 + 1234, 0x8000 - 77);
+    let parport = Device::open("/dev/comedi0").unwrap();
+    // With strobe, init and select QEMU's port acknowledges: line 4 goes low.
+    let set_fault = |is_there: bool| {
+        let levels: &[u32] = if is_there { &[0b1100, 0b1101] } else { &[0] };
+        for &levels in levels {
+            parport.bits(2, 0b1111, levels).unwrap();
+        }
+    };
+    for (key, left) in
+        [("master_fault", (0, 1, 1)), ("slave_fault", (1, 0, 1)), ("torque_fault", (1, 1, 0))]
+    {
+        let line = "{ device = \"/dev/comedi0\", subdevice = 1, channel = 4, active = \"low\" }";
+        let text = measured(&format!("{key} = {line}"));
+        let rig = rig(&text);
+        let (converter, homing) = (Converter::new(&rig), Homing::absolute(&rig));
+        set_fault(false);
+        let mut daq = start(&text, None);
+        for is_there in [false, true, false] {
+            set_fault(is_there);
+            let scans = stream(&mut daq, 40);
+            ticks_without_hole(&scans);
+            let sample = converter.convert(scans.last().unwrap(), homing.zeros());
+            let found = (sample.master_present, sample.slave_present, sample.torque_present);
+            assert_eq!(found, if is_there { left } else { (1, 1, 1) }, "{key}: {is_there}");
+            // What the counter says is recorded nevertheless, and counts on from there.
+            assert_eq!((sample.master_counts[0], sample.slave_counts[0]), (1234, -77));
+            let before = allocations();
+            let read = daq.read_due(0);
+            assert_eq!(allocations(), before, "a cycle allocates nothing");
+            read.unwrap();
+        }
+    }
+}
+
 #[test]
 fn a_card_that_is_not_what_the_rig_file_says_is_refused() {
     if !is_guest() {
@@ -241,6 +294,11 @@ fn a_card_that_is_not_what_the_rig_file_says_is_refused() {
             "[comedi.enable_line]\ndevice = \"/dev/comedi0\"\nsubdevice = 2\nchannel = 0",
             "[comedi.enable_line]\ndevice = \"/dev/comedi2\"\nsubdevice = 0\nchannel = 0",
             "comedi.enable_line: expected a subdevice with digital outputs",
+        ),
+        (
+            "output_channel = 0",
+            "output_channel = 0\nmaster_fault = { subdevice = 0, channel = 1 }",
+            "comedi.axes.0.master_fault: expected a subdevice with digital inputs",
         ),
         (
             "channel = 0, mode = \"none\"",

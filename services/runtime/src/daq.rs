@@ -101,6 +101,30 @@ pub struct Present {
     pub analog: u16,
 }
 
+impl Present {
+    /// What is there in both.
+    #[must_use]
+    pub const fn and(self, other: Self) -> Self {
+        Self {
+            master: self.master & other.master,
+            slave: self.slave & other.slave,
+            motor: self.motor & other.motor,
+            analog: self.analog & other.analog,
+        }
+    }
+
+    /// What is there, but for some.
+    #[must_use]
+    pub const fn without(self, gone: Self) -> Self {
+        Self {
+            master: self.master & !gone.master,
+            slave: self.slave & !gone.slave,
+            motor: self.motor & !gone.motor,
+            analog: self.analog & !gone.analog,
+        }
+    }
+}
+
 /// What a card refused. Carries no text of its own, so that it can be made in a real-time loop.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 pub enum DaqError {
@@ -153,5 +177,23 @@ pub trait Daq {
     /// Whether no scan will ever come again (a record at its end).
     fn finished(&self) -> bool {
         false
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn presence_is_taken_away_bit_by_bit() {
+        let all = Present { master: 0b11, slave: 0b101, motor: 0b111, analog: 0x8001 };
+        let some = Present { master: 0b10, slave: 0b100, motor: 0b001, analog: 0x8000 };
+        let rest = Present { master: 0b01, slave: 0b001, motor: 0b110, analog: 0x0001 };
+        assert_eq!((all.without(some), all.without(rest)), (rest, some));
+        assert_eq!(
+            (all.and(some), some.and(all), some.and(rest)),
+            (some, some, Present::default())
+        );
+        assert_eq!(all.without(Present::default()), all);
     }
 }

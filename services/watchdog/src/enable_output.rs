@@ -80,11 +80,10 @@ impl EnableOutput<OutputLine> {
         let node = wiring.node(&line.device);
         let output = OutputLine::open(node, "comedi.enable_line", line.subdevice, line.first)?;
         // The line may have made its neighbours outputs, too.
-        if let Some(power) = &wiring.motor_power
-            && wiring.node(&power.line.device) == node
-        {
-            let (subdevice, channel) = (power.line.subdevice, power.line.first);
-            output.expect_input("comedi.motor_power", subdevice, channel)?;
+        for (key, signal) in wiring.signals() {
+            if wiring.node(&signal.line.device) == node {
+                output.expect_input(&key, signal.line.subdevice, signal.line.first)?;
+            }
         }
         let usual_ns = usual_call_ns(&output)?;
         if usual_ns > LONGEST_NS {

@@ -47,21 +47,30 @@ pub fn reset_and_arm(
 
 fn once(link: &RigLink, tokens: &mut Subscriber<EnableToken>) -> Result<(), Error> {
     newest_unless_stopped(tokens)?;
-    let verbs =
-        [Verb::Reset, Verb::Arm].into_iter().try_for_each(|each| verb(link, each).map(drop));
-    std::thread::sleep(SETTLED);
-    let token = match newest_unless_stopped(tokens) {
-        Ok(token) => token.unwrap_or_default(),
-        Err(stopped) => {
-            // It came just before the reset, which took it away.
-            verb(link, Verb::Estop)?;
-            return Err(stopped);
-        }
-    };
-    verbs?;
+    let reset = verb(link, Verb::Reset);
+    // A rig that somebody has stopped is not armed, not even until this is seen.
+    settled(link, tokens)?;
+    reset?;
+    let armed = verb(link, Verb::Arm);
+    let token = settled(link, tokens)?;
+    armed?;
     match WatchdogState::from_code(token.state) {
         Some(WatchdogState::Armed) => Ok(()),
         _ => Err(not_armed(&token)),
+    }
+}
+
+/// The newest token, once it shows the last verb; unless one of those that came shows an emergency
+/// stop, which then holds again.
+fn settled(link: &RigLink, tokens: &mut Subscriber<EnableToken>) -> Result<EnableToken, Error> {
+    std::thread::sleep(SETTLED);
+    match newest_unless_stopped(tokens) {
+        Ok(token) => Ok(token.unwrap_or_default()),
+        Err(stopped) => {
+            // It came just before the reset, which took it away.
+            verb(link, Verb::Estop)?;
+            Err(stopped)
+        }
     }
 }
 

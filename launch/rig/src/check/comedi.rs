@@ -27,6 +27,7 @@ pub(crate) fn check(rig: &RigFile, card: &ComediCard, source: &Source<'_>) {
         }
     }
     axes(rig, card, source);
+    faults(rig, card, source);
     lines(card, source);
 }
 
@@ -94,6 +95,22 @@ fn axes(rig: &RigFile, card: &ComediCard, source: &Source<'_>) {
     }
 }
 
+/// A line reports a fault of a sensor that there is.
+fn faults(rig: &RigFile, card: &ComediCard, source: &Source<'_>) {
+    for (at, (axis, wiring)) in rig.axes.iter().zip(&card.axes).enumerate() {
+        for (name, line, is_there, section) in [
+            ("slave_fault", &wiring.slave_fault, axis.slave.is_some(), "[axes.slave]"),
+            ("torque_fault", &wiring.torque_fault, axis.torque.is_some(), "[axes.torque]"),
+        ] {
+            if line.is_some() && !is_there {
+                let key = format!("comedi.axes.{at}.{name}");
+                let expected = format!("nothing: the axis has no {section}");
+                source.problem(&key, expected, "a line", "add the section, or take the line out");
+            }
+        }
+    }
+}
+
 /// The lines that a motor needs, and that none of them is used twice.
 fn lines(card: &ComediCard, source: &Source<'_>) {
     let required = [
@@ -110,28 +127,29 @@ fn lines(card: &ComediCard, source: &Source<'_>) {
         let advice = "add output_channel to [[comedi.axes]], or take the line out";
         source.problem("comedi.enable_line", "nothing: no axis has an output", "a line", advice);
     }
-    let power = card.motor_power.as_ref().map(|power| &power.line);
-    let all: [(&str, Option<&DigitalLines>); 4] = [
-        ("comedi.enable_line", card.enable_line.as_ref()),
-        ("comedi.motor_power", power),
+    let mut all: Vec<(String, &DigitalLines)> = Vec::new();
+    all.extend(card.enable_line.iter().map(|line| ("comedi.enable_line".to_owned(), line)));
+    all.extend(card.signals().into_iter().map(|(key, signal)| (key, &signal.line)));
+    for (key, lines) in [
         ("comedi.digital.inputs", card.digital_inputs.as_ref()),
         ("comedi.digital.outputs", card.digital_outputs.as_ref()),
-    ];
+    ] {
+        all.extend(lines.map(|lines| (key.to_owned(), lines)));
+    }
     for (at, (key, lines)) in all.iter().enumerate() {
-        let Some(lines) = lines else { continue };
         if lines.first + lines.count > 32 {
             let last = lines.first + lines.count - 1;
             source.problem(key, "lines 0 to 31", format!("line {last}"), "take fewer");
         }
         for (other, before) in &all[..at] {
-            let Some(before) = before else { continue };
             let same = before.subdevice == lines.subdevice
-                && card.node(&before.device) == card.node(&lines.device)
-                && before.mask() & lines.mask() != 0;
-            // What an input sees may be among the inputs of the samples, too.
-            if same && !(*other == "comedi.motor_power" && *key == "comedi.digital.inputs") {
+                && card.node(&before.device) == card.node(&lines.device);
+            let shared = if same { before.mask() & lines.mask() } else { 0 };
+            // What sees the power may be among the inputs of the samples, too.
+            if shared != 0 && !(other == "comedi.motor_power" && key == "comedi.digital.inputs") {
                 let expected = format!("lines that {other} does not use");
-                let found = format!("subdevice {}, line {}", lines.subdevice, lines.first);
+                let line = shared.trailing_zeros();
+                let found = format!("subdevice {}, line {line}", lines.subdevice);
                 source.problem(key, expected, found, "each line has one purpose");
             }
         }

@@ -46,6 +46,7 @@ friction_peak_v = 1.5
 [[comedi.axes]]
 [comedi.axes.master]
 [comedi.axes.slave]
+[comedi.axes.master_fault]
 [comedi.enable_line]
 [comedi.motor_power]
 [comedi.digital.inputs]

@@ -2,9 +2,12 @@
 //!
 //! The card's own timer scans the analog inputs into the kernel's buffer, from which each call
 //! takes what is there. Encoders and digital inputs are read with each batch of scans: the newest
-//! scan has them, older ones of a batch have counts on the straight line between two readings. When
-//! the buffer has overrun, the stream is started again and the hole is counted.
+//! scan has them, older ones of a batch have counts on the straight line between two readings. A
+//! sensor whose line reports a fault is absent. When the buffer has overrun, the stream is started
+//! again and the hole is counted.
 
+mod boards;
+mod digital;
 mod power_up;
 mod wiring;
 
@@ -50,6 +53,8 @@ struct Reading {
     slave: [i64; AXES],
     digital_in: u32,
     motor_power: bool,
+    /// What has reported no fault.
+    present: Present,
 }
 
 /// Volts that were written, and since when.
@@ -171,12 +176,14 @@ impl ComediDaq {
     fn read(&mut self, tick: u64) -> Result<Reading, DaqError> {
         self.wiring.read().map_err(|_| DaqError::Link("reading counters and digital inputs"))?;
         let [master, slave] = self.wiring.counts();
+        let Wiring { boards, digital, .. } = &self.wiring;
         Ok(Reading {
             tick,
             master,
             slave,
-            digital_in: self.wiring.digital_in(),
-            motor_power: self.wiring.motor_power(),
+            digital_in: digital.levels(boards),
+            motor_power: digital.motor_power(boards),
+            present: digital.without_faults(boards, self.present),
         })
     }
 
@@ -194,7 +201,6 @@ impl ComediDaq {
                 tick,
                 time_ns,
                 digital_out: self.digital_out.unwrap_or_default(),
-                present: self.present,
                 power_up: self.power_up,
                 ..Scan::default()
             };
@@ -226,6 +232,8 @@ impl ComediDaq {
             let levels = if scan.tick == newest { &reading } else { &before };
             scan.digital_in = levels.digital_in;
             scan.motor_power = levels.motor_power;
+            // What lies between two readings is as good as the worse of them.
+            scan.present = levels.present.and(reading.present);
         }
         self.reading = Some(reading);
         Ok(())
@@ -269,8 +277,11 @@ impl Daq for ComediDaq {
         let has_outputs = !self.wiring.outputs.is_empty();
         Capabilities {
             accepts_output: has_outputs,
-            digital_outputs: self.wiring.digital_outputs(),
+            digital_outputs: self.wiring.digital.outputs(),
             enable_line: own.enable_line.filter(|_| has_outputs),
+            reports_power: own.reports_power
+                && has_outputs
+                && self.wiring.digital.sees_motor_power(),
             ..own
         }
     }
@@ -319,13 +330,12 @@ impl Daq for ComediDaq {
     }
 
     fn write_digital(&mut self, levels: u32) -> Result<(), DaqError> {
-        if levels.checked_shr(self.wiring.digital_outputs()).unwrap_or_default() != 0 {
+        let Wiring { boards, digital, .. } = &self.wiring;
+        if levels.checked_shr(digital.outputs()).unwrap_or_default() != 0 {
             return Err(DaqError::NoOutput);
         }
         if self.digital_out != Some(levels) {
-            self.wiring
-                .set_digital(levels)
-                .map_err(|_| DaqError::Link("setting digital outputs"))?;
+            digital.set(boards, levels).map_err(|_| DaqError::Link("setting digital outputs"))?;
             self.digital_out = Some(levels);
         }
         Ok(())

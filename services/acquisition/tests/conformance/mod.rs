@@ -14,6 +14,10 @@ pub(crate) trait Bench {
     fn now_ns(&self) -> u64;
     /// The card.
     fn daq(&mut self) -> &mut dyn Daq;
+    /// Whether the motor has power on this bench.
+    fn has_power(&self) -> bool {
+        false
+    }
     /// Volts between two codes of its outputs (V): what was written comes back to within half.
     fn resolution_v(&self) -> f64 {
         0.0
@@ -57,6 +61,7 @@ pub(crate) fn check(bench: &mut dyn Bench) -> Result<(), Violation> {
     an_overflow_is_counted(bench)?;
     outputs_do_as_declared(bench)?;
     digital_outputs_do_as_declared(bench)?;
+    motor_power_is_reported_as_declared(bench)?;
     not_finite_is_refused(bench)
 }
 
@@ -171,6 +176,22 @@ fn digital_outputs_do_as_declared(bench: &mut dyn Bench) -> Result<(), Violation
         ensure(shown.last() == Some(&levels), RULE, || format!("{levels}: {shown:?}"))?;
     }
     Ok(())
+}
+
+/// Motor power shows where the card reports it; another card never tells of any.
+fn motor_power_is_reported_as_declared(bench: &mut dyn Bench) -> Result<(), Violation> {
+    const RULE: &str = "motor power shows where it is reported, and nowhere else";
+    bench.reset();
+    bench.advance(3);
+    let now = bench.now_ns();
+    let shown: Vec<bool> = match bench.daq().read_due(now) {
+        Ok(scans) => scans.iter().map(|scan| scan.motor_power).collect(),
+        Err(error) => return Err(Violation { rule: RULE, found: error.to_string() }),
+    };
+    let reports = bench.daq().capabilities().reports_power;
+    let expected = bench.has_power() && reports;
+    ensure(shown.last() == Some(&expected), RULE, || format!("{shown:?}"))?;
+    ensure(reports || !shown.contains(&true), RULE, || format!("{shown:?}"))
 }
 
 /// A value that is not finite never reaches the card.

@@ -309,7 +309,7 @@ pub const LIST: &[FaultKind] = &[
         acts: Acts::EnableLine,
         action: Action::LineBroken,
         what: "no edge of the enable line reaches the card, which drops the motor",
-        promises: &[Trips(&[TripCause::ReadBack, TripCause::PowerLost], SILENCE)],
+        promises: &[Trips(&[TripCause::ReadBack, TripCause::PowerMissing], SILENCE)],
         ..ANY
     },
     FaultKind {

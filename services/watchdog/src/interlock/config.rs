@@ -1,7 +1,7 @@
 //! The interlock's configuration.
 
 use ipc_types::{AXES, Profile, Timeouts};
-use rig::{Axis, Rates, RigFile, WithoutLogger};
+use rig::{Axis, ComediCard, Rates, RigFile, WithoutLogger};
 
 use super::torque_input::TorqueInput;
 
@@ -44,6 +44,8 @@ pub struct Config {
     pub rates: Rates,
     /// Whether the rig file says who cuts the motor's power where the card does not.
     pub power_cut_otherwise: bool,
+    /// Whether the rig file wires a comedi card to drive the motor and to see its power.
+    pub comedi_reports_power: bool,
     /// What happens without a logger.
     pub without_logger: WithoutLogger,
 }
@@ -71,6 +73,7 @@ impl Config {
             torque_inputs: TorqueInput::of_rig(rig),
             rates: rig.rates,
             power_cut_otherwise: !rig.safety.power_cut_by.is_empty(),
+            comedi_reports_power: rig.comedi.as_ref().is_some_and(ComediCard::reports_power),
             without_logger: rig.safety.without_logger,
         }
     }
@@ -135,5 +138,18 @@ mod tests {
             let config = Config::for_profile(Profile::Realtime, 1, 2, &rig);
             assert_eq!(config.power_cut_otherwise, otherwise);
         }
+    }
+
+    #[test]
+    fn a_comedi_card_reports_the_power_of_a_motor_that_it_drives_and_whose_relay_it_sees() {
+        let text = include_str!("../../../../launch/rig/tests/comedi.toml");
+        let reports = |change: fn(&mut ComediCard)| {
+            let mut rig = RigFile::parse(text, "rig.toml").unwrap();
+            change(rig.comedi.as_mut().unwrap());
+            Config::for_profile(Profile::Realtime, 1, 2, &rig).comedi_reports_power
+        };
+        assert!(reports(|_| {}));
+        assert!(!reports(|card| card.motor_power = None));
+        assert!(!reports(|card| card.axes[0].output = None));
     }
 }

@@ -46,7 +46,7 @@ pub const PRIORITY: &[TripCause] = &[
     TripCause::Saturated,
     TripCause::MotorOverload,
     TripCause::MotorPowered,
-    TripCause::PowerLost,
+    TripCause::PowerMissing,
     TripCause::HomingTime,
     TripCause::AcquisitionLost,
     TripCause::ControlLost,

@@ -185,6 +185,12 @@ pub(super) fn has_enable_line(sample: &Sample) -> bool {
     capabilities(sample).is_some_and(|card| card.enable_line.is_some())
 }
 
+/// Whether the card that took a sample tells if the motor has power.
+pub(super) fn reports_power(sample: &Sample, config: &Config) -> bool {
+    let wired = config.comedi_reports_power || sample.backend != CardKind::Comedi.code();
+    wired && capabilities(sample).is_some_and(|card| card.reports_power)
+}
+
 /// What the card that took a sample can do; `None` for a kind that this build does not know.
 fn capabilities(sample: &Sample) -> Option<Capabilities> {
     CardKind::from_code(sample.backend).map(CardKind::capabilities)

@@ -8,7 +8,7 @@ use rig::Axis;
 
 use super::config::{Config, LimitsNow};
 use super::faults::FaultSet;
-use super::message_monitor::takes_volts;
+use super::message_monitor::{reports_power, takes_volts};
 
 /// The output counts as at its limit from this share of it on.
 const SATURATED: f64 = 0.995;
@@ -16,6 +16,10 @@ const SATURATED: f64 = 0.995;
 const READ_BACK_SHARE: f64 = 0.05;
 /// Number of past samples whose outputs may explain the volts that are read back.
 const OUTPUTS: usize = 16;
+/// How long motor power may take from the first sample that shows the gate open (ns). The circuit
+/// of the enable line needs a few edges, each within its timeout, and its relay some ten
+/// milliseconds to close.
+const POWER_COMES_NS: u64 = 100_000_000;
 
 /// What an axis is supervised by.
 #[derive(Clone, Copy, Debug)]
@@ -91,7 +95,8 @@ pub(super) struct PlausibilityMonitor {
     powered: bool,
     /// Whether the card has reported motor power since it was permitted.
     power_seen: bool,
-    power_gone_since_ns: Option<u64>,
+    /// Since when the motor is without the power that it is permitted (ns).
+    power_missing_since_ns: Option<u64>,
     homing_sequence: u64,
     sample_ns: Option<u64>,
 }
@@ -102,7 +107,7 @@ impl PlausibilityMonitor {
             axes: [AxisMonitor::new(); AXES],
             powered: false,
             power_seen: false,
-            power_gone_since_ns: None,
+            power_missing_since_ns: None,
             homing_sequence: 0,
             sample_ns: None,
         }
@@ -121,8 +126,8 @@ impl PlausibilityMonitor {
         let now_ns = sample.scan_time_ns;
         let elapsed_ns = self.sample_ns.map_or(0, |last| now_ns.saturating_sub(last));
         self.sample_ns = Some(now_ns);
-        let gone = self.power_gone(sample, powered, config.echo_lost_ns);
-        faults.insert_if(gone, TripCause::PowerLost);
+        let missing = self.power_missing(sample, powered, config);
+        faults.insert_if(missing, TripCause::PowerMissing);
         let begins = powered && !self.powered || sample.homing_sequence != self.homing_sequence;
         (self.powered, self.homing_sequence) = (powered, sample.homing_sequence);
         for (at, (axis, entry)) in self.axes.iter_mut().zip(&config.axes).enumerate() {
@@ -150,14 +155,17 @@ impl PlausibilityMonitor {
 }
 
 impl PlausibilityMonitor {
-    /// Whether motor power that the card had reported has been gone for too long, although it is
-    /// permitted: a button, plug or relay beside the card has cut it, and would give it back with
-    /// the volts of that moment. A card that never reports power says nothing.
-    fn power_gone(&mut self, sample: &Sample, powered: bool, longest_ns: u64) -> bool {
+    /// Whether the motor has been without power for too long, although it is permitted: a button,
+    /// plug or relay beside the card keeps it away, and would give it back with the volts of that
+    /// moment. Power that the card had reported may be gone for as long as a relay bounces; power
+    /// that has not come yet has the time of the relay, where the card reports power at all.
+    fn power_missing(&mut self, sample: &Sample, powered: bool, config: &Config) -> bool {
         let on = sample.motor_power == 1;
         self.power_seen = powered && (self.power_seen || on);
-        let gone = self.power_seen && !on;
-        lasts(&mut self.power_gone_since_ns, gone, sample.scan_time_ns, longest_ns)
+        let expected = self.power_seen || (powered && reports_power(sample, config));
+        let longest_ns = if self.power_seen { config.echo_lost_ns } else { POWER_COMES_NS };
+        let missing = expected && !on;
+        lasts(&mut self.power_missing_since_ns, missing, sample.scan_time_ns, longest_ns)
     }
 }
 

@@ -7,6 +7,7 @@ mod checked;
 mod exhaustive;
 mod faults;
 mod homing;
+mod motor_power;
 mod plausibility;
 mod properties;
 mod times;

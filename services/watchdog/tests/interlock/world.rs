@@ -73,6 +73,8 @@ pub(crate) struct World {
     pub(crate) acquisition_runs: bool,
     pub(crate) control_runs: bool,
     pub(crate) gate_obeys: bool,
+    /// Whether motor power follows the permission; else it stays as `sample` has it.
+    pub(crate) relay_obeys: bool,
     /// Checkpoints of the cycles of acquisition and control.
     pub(crate) flows: [Vec<Checkpoint>; 2],
 }
@@ -110,6 +112,7 @@ impl World {
             acquisition_runs: true,
             control_runs: true,
             gate_obeys: true,
+            relay_obeys: true,
         }
     }
 
@@ -124,6 +127,9 @@ impl World {
             self.sample.epoch = self.token.epoch;
             let state = if self.token.enabled == 1 { GateState::Open } else { GateState::Closed };
             self.sample.gate_state = state.code();
+        }
+        if self.relay_obeys {
+            self.sample.motor_power = self.token.enabled;
         }
         self.interlock.observe_sample(&self.sample);
     }

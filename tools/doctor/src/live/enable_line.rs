@@ -121,7 +121,7 @@ fn judge(found: &Line) -> Outcome {
     if !powered {
         let text = "the card reports no motor power after `enable`";
         return Outcome::new(Verdict::Fail, text)
-            .remedy("check the wire of the enable line, the relay and its read-back");
+            .remedy("release the emergency stop; check the enable line's wire, relay and contact");
     }
     let Some(dropped_ns) = dropped_ns else {
         let text = "power stayed on for 1 s after the line had stopped";

@@ -12,7 +12,7 @@ mod page;
 
 use acquisition::homing::{Homing, HomingState};
 use cores::{Rig, SESSION, Timeline};
-use ipc_types::{AXES, TripCause, Verb, WatchdogState, Zeros};
+use ipc_types::{AXES, GateState, TripCause, Verb, WatchdogState, Zeros};
 use plant::transmission_kinds::Kind;
 use rig::RigFile;
 use simulator::faults::{Fault, FaultInjector, LIST, Promise};
@@ -207,6 +207,30 @@ fn a_stuck_relay_is_seen_once_power_is_withdrawn() {
     assert_eq!((sample.motor_power, sample.motor_v[0]), (1, 0.0), "the gate's 0 V reach the motor");
     let mut verb = |verb| bench.live.machine.command(verb, bench.tick * period_ns);
     assert_eq!(verb(Verb::Reset), Err(Refusal::FaultActive(TripCause::MotorPowered)));
+}
+
+/// A line that broke before `enable`, as a button that was pressed: power never comes.
+#[test]
+fn sr_43_motor_power_that_does_not_come_trips() {
+    for (_, text) in RIGS {
+        let mut bench = Bench::new(&rig(text));
+        bench.live.may_trip = true;
+        bench.begin("enable_line_broken");
+        let mut opened = None;
+        while bench.live.machine.state() != WatchdogState::Tripped {
+            bench.run(1);
+            let sample = bench.live.newest_sample;
+            if sample.is_some_and(|sample| sample.gate_state == GateState::Open.code()) {
+                opened.get_or_insert(bench.tick);
+            }
+            assert!(bench.tick < bench.timeline.first + SECOND, "it never trips");
+        }
+        assert_eq!(bench.live.machine.cause(), TripCause::PowerMissing);
+        // 100 ms, and a cycle of the watchdog.
+        let ticks = bench.tick - opened.unwrap();
+        assert!((200..=200 + 6).contains(&ticks), "{ticks} ticks after the gate has opened");
+        assert_eq!(bench.last_volts, None);
+    }
 }
 
 /// A seized slave stands while the master winds up the line; let go, it springs back.

@@ -3,23 +3,18 @@
 use std::path::Path;
 
 use comedi::{
-    ComediError, CounterMode, Device, INPUTS, InstructionList, Kind, OUTPUTS, Place, Range, Stream,
-    StreamSettings, Subdevice, UnwrappedCount, channel_spec, expect_input, lines, narrowest,
+    ComediError, Device, InstructionList, Kind, Place, Range, Stream, StreamSettings, Subdevice,
+    channel_spec, narrowest,
 };
 use ipc_types::CardKind;
-use rig::{Calibration, ComediCard, DigitalLines, EncoderCounter, RigFile};
+use rig::{Calibration, ComediCard, EncoderCounter, RigFile};
 
+use super::boards::{Board, Boards, Counter};
+use super::digital::Digital;
 use super::power_up::Started;
 
 /// Scans that the kernel buffers at least.
 pub(super) const FIFO: usize = CardKind::Comedi.capabilities().fifo_depth;
-
-/// A device, and what is read from it with each batch of scans.
-#[derive(Debug)]
-pub(super) struct Board {
-    pub(super) device: Device,
-    pub(super) readings: InstructionList,
-}
 
 /// An analog input, in the order of the stream.
 #[derive(Debug)]
@@ -54,37 +49,6 @@ impl Output {
     }
 }
 
-/// A counter at an encoder.
-#[derive(Debug)]
-pub(super) struct Counter {
-    board: usize,
-    subdevice: Subdevice,
-    channel: u32,
-    mode: CounterMode,
-    terminals: Option<[u32; 2]>,
-    place: Place,
-    count: UnwrappedCount,
-}
-
-/// Digital lines that are read with each batch.
-#[derive(Debug)]
-pub(super) struct Lines {
-    board: usize,
-    place: Place,
-    subdevice: Subdevice,
-    first: u32,
-    mask: u32,
-}
-
-/// Digital lines that are set.
-#[derive(Debug)]
-pub(super) struct SetLines {
-    board: usize,
-    subdevice: Subdevice,
-    first: u32,
-    mask: u32,
-}
-
 /// All parts of the wiring; the first board is the card.
 #[derive(Debug)]
 pub(super) struct Wiring {
@@ -97,9 +61,7 @@ pub(super) struct Wiring {
     pub(super) resolution_v: f64,
     pub(super) masters: Vec<Counter>,
     pub(super) slaves: Vec<Option<Counter>>,
-    motor_power: Option<(Lines, bool)>,
-    digital_inputs: Option<Lines>,
-    digital_outputs: Option<SetLines>,
+    pub(super) digital: Digital,
     output_subdevice: Option<u32>,
     /// Subdevices whose ranges are nominal, with no correction in the rig file.
     uncalibrated: bool,
@@ -121,32 +83,10 @@ impl Wiring {
                 advice: "name the device that has it, or this driver",
             });
         }
-        let mut boards = Boards(vec![Board { device, readings: InstructionList::default() }]);
+        let mut boards = Boards::new(device);
         let inputs = inputs(rig, card, &boards.0[0].device)?;
         let outputs = outputs(card, &boards.0[0].device)?;
-        if let Some(line) = &card.enable_line {
-            boards.lines(card, "comedi.enable_line", line, OUTPUTS)?;
-        }
-        let motor_power = match &card.motor_power {
-            Some(power) => {
-                let line = boards.read(card, "comedi.motor_power", &power.line)?;
-                Some((line, power.active_low))
-            }
-            None => None,
-        };
-        let digital_inputs = match &card.digital_inputs {
-            Some(lines) => Some(boards.read(card, "comedi.digital.inputs", lines)?),
-            None => None,
-        };
-        let digital_outputs = match &card.digital_outputs {
-            Some(lines) => {
-                let (board, subdevice) =
-                    boards.lines(card, "comedi.digital.outputs", lines, OUTPUTS)?;
-                let mask = lines.mask();
-                Some(SetLines { board, subdevice, first: lines.first, mask })
-            }
-            None => None,
-        };
+        let digital = Digital::check(rig, card, &mut boards)?;
         let (mut masters, mut slaves) = (Vec::new(), Vec::new());
         for (at, axis) in card.axes.iter().enumerate() {
             let key = |name: &str| format!("comedi.axes.{at}.{name}");
@@ -172,9 +112,7 @@ impl Wiring {
             output_subdevice: outputs.subdevice.map(|own| own.number),
             masters,
             slaves,
-            motor_power,
-            digital_inputs,
-            digital_outputs,
+            digital,
             uncalibrated,
             counters: card.axes.iter().flat_map(own).flatten().collect(),
         })
@@ -193,7 +131,7 @@ impl Wiring {
         if let Some(subdevice) = self.output_subdevice {
             card.lock(subdevice).map_err(card.refused("locking its outputs"))?;
         }
-        self.set_directions()?;
+        self.digital.set_directions(&self.boards)?;
         if self.uncalibrated {
             eprintln!(
                 "farreach acquisition: {}: volts are nominal, since nothing in the rig file \
@@ -205,29 +143,6 @@ impl Wiring {
         let card = &self.boards[0].device;
         self.stream.start(card).map_err(card.refused("starting its stream"))?;
         Ok(power_up)
-    }
-
-    /// Makes outputs of the lines that are to be such, and checks that no input became one with
-    /// them.
-    fn set_directions(&self) -> Result<(), ComediError> {
-        let channels = |mask: u32| (0..32).filter(move |channel| mask >> channel & 1 == 1);
-        if let Some(lines) = &self.digital_outputs {
-            let device = &self.boards[lines.board].device;
-            for channel in channels(lines.mask) {
-                device
-                    .make_output(&lines.subdevice, channel)
-                    .map_err(device.refused("making a digital line an output"))?;
-            }
-        }
-        let power = self.motor_power.as_ref().map(|(line, _)| ("comedi.motor_power", line));
-        let inputs = self.digital_inputs.as_ref().map(|own| ("comedi.digital.inputs", own));
-        for (key, lines) in power.into_iter().chain(inputs) {
-            let device = &self.boards[lines.board].device;
-            for channel in channels(lines.mask) {
-                expect_input(device, key, &lines.subdevice, channel)?;
-            }
-        }
-        Ok(())
     }
 
     /// Leaves the counters of an earlier process counting, or starts them. Returns the number of
@@ -269,45 +184,14 @@ impl Wiring {
     /// slaves.
     pub(super) fn counts<const N: usize>(&mut self) -> [[i64; N]; 2] {
         let (mut master, mut slave) = ([0; N], [0; N]);
-        let boards = &self.boards;
         let masters = master.iter_mut().zip(self.masters.iter_mut().map(Some));
         let slaves = slave.iter_mut().zip(self.slaves.iter_mut().map(Option::as_mut));
         for (to, counter) in masters.chain(slaves) {
             if let Some(counter) = counter {
-                let shown = boards[counter.board].readings.word(counter.place);
-                *to = counter.count.observe(shown);
+                *to = counter.observe(&self.boards);
             }
         }
         [master, slave]
-    }
-
-    fn levels(&self, lines: &Lines) -> u32 {
-        (self.boards[lines.board].readings.word(lines.place) & lines.mask) >> lines.first
-    }
-
-    /// Levels of the digital inputs that [`Wiring::read`] found, one bit each.
-    pub(super) fn digital_in(&self) -> u32 {
-        self.digital_inputs.as_ref().map_or(0, |lines| self.levels(lines))
-    }
-
-    /// Whether the motor has power, as [`Wiring::read`] found.
-    pub(super) fn motor_power(&self) -> bool {
-        self.motor_power
-            .as_ref()
-            .is_some_and(|(line, active_low)| (self.levels(line) == 1) != *active_low)
-    }
-
-    /// Number of the digital outputs.
-    pub(super) fn digital_outputs(&self) -> u32 {
-        self.digital_outputs.as_ref().map_or(0, |lines| lines.mask.count_ones())
-    }
-
-    /// Sets the digital outputs, one bit each.
-    pub(super) fn set_digital(&self, levels: u32) -> Result<(), comedi::Errno> {
-        let Some(lines) = &self.digital_outputs else { return Ok(()) };
-        let device = &self.boards[lines.board].device;
-        let levels = levels.checked_shl(lines.first).unwrap_or_default();
-        device.bits(lines.subdevice.number, lines.mask, levels & lines.mask).map(drop)
     }
 }
 
@@ -406,72 +290,4 @@ fn range_of(
             advice: "take a smaller range_v, with an amplifier or divider that fits",
         }
     })
-}
-
-/// The devices that the wiring names, each opened once.
-struct Boards(Vec<Board>);
-
-impl Boards {
-    fn board(&mut self, card: &ComediCard, device: &Option<String>) -> Result<usize, ComediError> {
-        let node = card.node(device);
-        if let Some(at) = self.0.iter().position(|board| board.device.path() == node) {
-            return Ok(at);
-        }
-        let device = Device::open(node)?;
-        self.0.push(Board { device, readings: InstructionList::default() });
-        Ok(self.0.len() - 1)
-    }
-
-    fn lines(
-        &mut self,
-        card: &ComediCard,
-        key: &str,
-        own: &DigitalLines,
-        kinds: &[Kind],
-    ) -> Result<(usize, Subdevice), ComediError> {
-        let board = self.board(card, &own.device)?;
-        let range = (own.first, own.count);
-        Ok((board, lines(&self.0[board].device, key, own.subdevice, range, kinds)?))
-    }
-
-    /// Lines that are read with each batch.
-    fn read(
-        &mut self,
-        card: &ComediCard,
-        key: &str,
-        own: &DigitalLines,
-    ) -> Result<Lines, ComediError> {
-        let (board, subdevice) = self.lines(card, key, own, INPUTS)?;
-        let place = self.0[board].readings.bits(subdevice.number, 0);
-        Ok(Lines { board, place, subdevice, first: own.first, mask: own.mask() })
-    }
-
-    fn counter(
-        &mut self,
-        card: &ComediCard,
-        key: &str,
-        own: &EncoderCounter,
-    ) -> Result<Counter, ComediError> {
-        // A counter that counts already may be anything that can be read.
-        let kinds: &[Kind] = match own.mode {
-            CounterMode::Counting => &[Kind::Counter, Kind::AnalogInput, Kind::AnalogOutput],
-            _ => &[Kind::Counter],
-        };
-        let board = self.board(card, &own.device)?;
-        let Board { device, readings } = &mut self.0[board];
-        let subdevice = device.expect(key, own.subdevice, own.channel, kinds)?;
-        let maxdata = device
-            .maxdata(&subdevice, own.channel)
-            .map_err(device.refused("asking for the size of a counter"))?;
-        let place = readings.read(own.subdevice, channel_spec(own.channel, 0, 0));
-        Ok(Counter {
-            board,
-            subdevice,
-            channel: own.channel,
-            mode: own.mode,
-            terminals: own.inputs,
-            place,
-            count: UnwrappedCount::new(maxdata),
-        })
-    }
 }
