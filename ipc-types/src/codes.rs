@@ -208,6 +208,8 @@ codes! {
         LoggerLost = 38, "logger lost";
         /// The card reports no motor power any more, although it is permitted.
         PowerLost = 39, "motor power cut from outside";
+        /// The handle is beyond the range of motion that the rig file gives for the subject.
+        RangeOfMotion = 40, "handle beyond the subject's range of motion";
     }
 
     /// What control does.

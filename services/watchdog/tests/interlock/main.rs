@@ -9,6 +9,7 @@ mod faults;
 mod homing;
 mod plausibility;
 mod properties;
+mod range_of_motion;
 mod times;
 #[path = "../../../runtime/tests/gate/walk.rs"]
 mod walk;
