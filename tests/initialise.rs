@@ -91,6 +91,12 @@ fn unhomed(rig: &TestRig) -> Value {
     status["unhomed"].clone()
 }
 
+/// Axes whose range of motion is not in force, by `farreach status`.
+fn not_in_force(rig: &TestRig) -> Value {
+    let status: Value = serde_json::from_str(&rig.ok(["status", "--json"])).unwrap();
+    status["range_not_in_force"].clone()
+}
+
 /// Kills a process and waits until its successor is ready.
 fn replace(rig: &TestRig, unit: &str) {
     let process = || rig.launcher_status().unit(unit).and_then(|unit| unit.process);
@@ -188,4 +194,44 @@ fn an_axis_is_homed_between_its_stops_until_the_card_is_powered_up_again() {
     let at_the_end = samples.iter().rev().find(|sample| sample.tick <= ended).unwrap();
     let position = at_the_end.master_position[0].to_degrees();
     assert!((position + 2.0).abs() < 6.0, "the handle rests at {position}°");
+}
+
+/// A range of motion far within the stops: shown while nothing holds the handle to it, left by the
+/// search, and kept by what follows.
+#[test]
+fn a_range_of_motion_is_in_force_once_the_axis_is_homed() {
+    let rig = TestRig::patient("range");
+    let text = |path: &Path| path.to_str().unwrap().to_owned();
+    let range = "[axes.range_of_motion]\nmin_deg = -12.0\nmax_deg = 10.0\n\n[axes.homing]";
+    let rig_file = rig.path("range.toml");
+    std::fs::write(&rig_file, rig_text().replace("[axes.homing]", range)).unwrap();
+    let (within, beyond) = (text(&rig.path("within.toml")), text(&rig.path("beyond.toml")));
+    std::fs::write(&within, MOVEMENT).unwrap();
+    std::fs::write(&beyond, MOVEMENT.replace("[5.0, -5.0]", "[5.0, 15.0]")).unwrap();
+    rig.ok(["up", "--simulate", "--rig", &text(&rig_file)]);
+    rig.power_up();
+    let shown = rig.ok(["status"]);
+    assert!(shown.contains("range of motion not in force on axis 0 (not homed)"), "{shown}");
+    assert_eq!(not_in_force(&rig), serde_json::json!([0]));
+
+    play(&rig, "home");
+    assert_eq!(not_in_force(&rig), serde_json::json!([]));
+    let shown = rig.ok(["status"]);
+    assert!(!shown.contains("range of motion"), "{shown}");
+    let refused = rig.run(["run", &beyond]);
+    assert!(!refused.status.success(), "{}", told(&refused));
+    common::assert_told(
+        &refused,
+        &[
+            "segments.0.positions_deg: expected positions from -12.0° to 10.0°",
+            "the range of motion of axis 0 (\"handle\")",
+            "found a steps from 5.0° to 15.0°",
+        ],
+    );
+    // A search with a subject's segments beside it.
+    let refused = rig.run(["run", "initialise"]);
+    assert!(!refused.status.success(), "{}", told(&refused));
+    common::assert_told(&refused, &["segments.2.kind: expected only initialise, centre and hold"]);
+    play(&rig, &within);
+    rig.down();
 }

@@ -209,6 +209,8 @@ codes! {
         /// The card reports no motor power although it is permitted: it did not come, or was cut
         /// from outside.
         PowerMissing = 39, "motor power missing";
+        /// The handle is beyond the range of motion that the rig file gives for the subject.
+        RangeOfMotion = 40, "handle beyond the subject's range of motion";
     }
 
     /// What control does.

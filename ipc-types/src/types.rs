@@ -134,7 +134,7 @@ messages! {
     }
 
     /// The watchdog's permission to power the motor, for a few milliseconds.
-    EnableToken v2 {
+    EnableToken v3 {
         /// enable epoch: rises with every enable, also over restarts of the watchdog
         epoch: u64,
         /// incarnation of the watchdog that issued it
@@ -164,8 +164,13 @@ messages! {
         /// axes that the watchdog takes as homed, one bit each: on the others its limits are those
         /// of homing
         homed: u8,
+        /// axes for which the rig file gives a range of motion of the subject, one bit each
+        range_given: u8,
+        /// of them those for which it is in force: homed, and not on the way of a search for the
+        /// stops, one bit each
+        range_supervised: u8,
         /// none
-        reserved: [u8; 3],
+        reserved: u8,
     }
 
     /// The watchdog's digital output: the card drops the motor when it stops toggling.

@@ -33,7 +33,7 @@ pub struct ForceControl {
     pub torque_threshold_v: f64,
     /// Stiffness of the soft stops before both ends (N·m/rad or N/m).
     pub end_stop_stiffness: f64,
-    /// Distance from the ends at which they begin (rad or m).
+    /// Distance from the ends at which they begin (rad or m); see [`Self::end_stop_width`].
     pub end_stop_way: f64,
 }
 
@@ -52,6 +52,12 @@ impl ForceControl {
     /// Weight of the new value in the output after `elapsed_s`, eq. 4.2.1.
     pub fn share(&self, elapsed_s: f64) -> f64 {
         1.0 - (1.0 - self.forgetting).powf(elapsed_s / PRINTED_PERIOD_S)
+    }
+
+    /// Width of the soft stops of an axis that ends at `least` and `most` (rad or m): at most a
+    /// quarter of the way between the two, so that half of it is free of them.
+    pub fn end_stop_width(&self, least: f64, most: f64) -> f64 {
+        self.end_stop_way.min(0.25 * (most - least)).max(0.0)
     }
 
     /// Gain from the torque of hand and field to the output, without the offset: `P₁` times the

@@ -29,6 +29,7 @@ mod segment;
 mod segment_kind;
 mod sines;
 mod spline;
+mod stop_search_check;
 mod torque_table;
 pub mod trajectory;
 mod unit_keys;
@@ -56,6 +57,7 @@ use crate::content_hash::identity;
 use crate::error::ProtocolError;
 use crate::rig_file::RigFile;
 use matching::corner;
+use stop_search_check::check_stop_search;
 
 /// Largest number of segments, repeats included.
 const SEGMENTS: usize = 10_000;
@@ -267,7 +269,8 @@ impl Protocol {
         }
     }
 
-    /// Checks the protocol against a rig: axes and units, positions and speeds within the limits.
+    /// Checks the protocol against a rig: axes and units, positions and speeds within the limits,
+    /// positions also within the range of motion of an axis that has one.
     ///
     /// The speed of a movement depends on its start position. At the protocol's start and after a
     /// rest that is unknown, and the worst position within the limits is assumed.
@@ -285,6 +288,7 @@ impl Protocol {
             matching.check(rig, &source);
         }
         self.maxima.check(&segments, rig, &source);
+        check_stop_search(&segments, rig, &source);
         let mut failed = vec![false; segments.len()];
         let mut ends: Vec<Option<f64>> = vec![None; rig.axes.len()];
         for (index, segment) in self.sequence_of(&segments) {

@@ -20,8 +20,8 @@ use ipc_types::{
     AXES, EnableToken, EventKind, GateState, HOME_ORDER, Heartbeat, HomeOrder, Process, Profile,
     SAMPLE, SETPOINT, Sample, Setpoint, Severity, TOKEN, WatchdogState, Zeros,
 };
-use rig::RigFile;
 use rig::protocol::Protocol;
+use rig::{Axis, RigFile};
 use rtrb::PushError;
 use runtime::clock::{MILLISECOND_NS, now_ns};
 use runtime::{
@@ -37,6 +37,7 @@ use current_protocol::Current;
 use ilc_worker::IlcWorker;
 use interrupted_writer::InterruptedWriter;
 use player_events::{publish_change, publish_notice};
+use progress::AxisBits;
 use request_handler::RequestHandler;
 use scan_reports::ScanPorts;
 use session_reports::SessionPorts;
@@ -92,6 +93,7 @@ pub struct Runner {
     taken: u32,
     playing: u32,
     newest: Option<Sample>,
+    axes: Vec<Axis>,
     requests: Worker,
     ilc_worker: IlcWorker,
 }
@@ -138,7 +140,7 @@ impl Runner {
         )
         .map_err(ServiceError::from)?;
         // Before the request thread starts, so that its first answer knows the restored protocol.
-        link.progress.update(0, &player.status(), 0, false, 0);
+        link.progress.update(0, &player.status(), 0, false, AxisBits::default());
         let interrupted = InterruptedFile::new(&learnt, service.domain().name().as_str());
         let keys = current.as_ref().map_or_else(Vec::new, |current| current.keys.clone());
         let handler = RequestHandler {
@@ -171,6 +173,7 @@ impl Runner {
             taken: 0,
             playing: 0,
             newest: None,
+            axes: rig.axes.clone(),
             ilc_worker,
             service,
         })
@@ -304,8 +307,8 @@ impl Runner {
             }
         }
         let enabled = matches!(permission, Permission::Enabled(_));
-        let homed = self.newest.as_ref().map_or(0, |sample| sample.homed);
-        self.link.progress.update(self.taken, &self.player.status(), sample_ns, enabled, homed);
+        let axes = axis_bits(&self.axes, self.newest.as_ref());
+        self.link.progress.update(self.taken, &self.player.status(), sample_ns, enabled, axes);
         Ok(())
     }
 
@@ -342,6 +345,13 @@ impl Runner {
         })?;
         Ok(())
     }
+}
+
+/// What a sample shows of the axes.
+fn axis_bits(axes: &[Axis], sample: Option<&Sample>) -> AxisBits {
+    let Some(sample) = sample else { return AxisBits::default() };
+    let beyond = axes.iter().enumerate().filter(|(at, axis)| axis.leaves_range(*at, sample));
+    AxisBits { homed: sample.homed, beyond_range: beyond.fold(0, |bits, (at, _)| bits | 1 << at) }
 }
 
 /// Positions of the masters (rad or m); NaN where there is none.

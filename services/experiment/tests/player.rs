@@ -299,6 +299,24 @@ fn a_search_counts_the_time_that_it_took_not_its_limit() {
 }
 
 #[test]
+fn free_movement_needs_a_zero_on_an_axis_with_a_range_of_motion() {
+    let of = |kind: &str| {
+        let segment = format!("[[segments]]\nkind = \"{kind}\"\nduration_s = 5\n");
+        Protocol::parse(&format!("[protocol]\nname = \"test\"\n\n{segment}"), "t.toml").unwrap()
+    };
+    let unhomed = |kind: &str, rig: &RigFile, homed: u8| {
+        Program::new(&of(kind), rig).unwrap().first_unhomed(homed)
+    };
+    let mut rig = rig();
+    assert_eq!(unhomed("free", &rig, 0), None);
+    let range = rig::RangeOfMotion { min: -0.3, max: 0.4, tolerance: 0.03 };
+    rig.axes[0].range_of_motion = Some(range);
+    assert_eq!(unhomed("free", &rig, 0), Some((0, 0)));
+    assert_eq!(unhomed("free", &rig, 1), None);
+    assert_eq!(unhomed("rest", &rig, 0), None);
+}
+
+#[test]
 fn repeats_are_written_out() {
     let text = TEXT
         .replace("name = \"test\"", "name = \"test\"\nrepeat = 2")

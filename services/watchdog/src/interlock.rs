@@ -26,6 +26,7 @@ mod faults;
 mod message_monitor;
 mod pacing;
 mod plausibility;
+mod range_of_motion;
 mod refusal;
 mod speed;
 mod torque_input;
@@ -37,6 +38,7 @@ use ipc_types::{
 };
 use message_monitor::{CommandMonitor, SampleMonitor, has_enable_line};
 use plausibility::PlausibilityMonitor;
+use range_of_motion::RangeMonitor;
 pub use refusal::Refusal;
 use rig::WithoutLogger;
 pub use torque_input::TorqueInput;
@@ -105,6 +107,7 @@ pub struct Interlock {
     samples: SampleMonitor,
     commands: CommandMonitor,
     plausibility: PlausibilityMonitor,
+    range: RangeMonitor,
     /// Faults detected in single messages since the last step.
     momentary: FaultSet,
     /// Time until which each momentary fault is held active (ns), by code of its cause.
@@ -139,6 +142,7 @@ impl Interlock {
             samples: SampleMonitor::new(),
             commands: CommandMonitor::default(),
             plausibility: PlausibilityMonitor::new(),
+            range: RangeMonitor::new(),
             momentary: FaultSet::NONE,
             held_until_ns: [0; CAUSES],
             active: FaultSet::NONE,
@@ -233,6 +237,7 @@ impl Interlock {
 
     /// One cycle. `now_ns` is CLOCK_MONOTONIC, read after the last receive.
     pub fn step(&mut self, now_ns: u64, peers: Peers) -> Outputs {
+        self.observe_range();
         self.update_faults(now_ns, peers);
         let cause = match self.state {
             WatchdogState::Armed | WatchdogState::Enabled => {
@@ -265,6 +270,16 @@ impl Interlock {
             self.toggled_at_ns = now_ns;
         }
         Outputs { token, toggle_line, event }
+    }
+
+    /// Holds the handles to their range of motion, by the newest sample and command: a command that
+    /// the gate has seen is here before the sample that shows its volts is judged.
+    fn observe_range(&mut self) {
+        let Some(sample) = &self.samples.newest else { return };
+        let powered = self.state == WatchdogState::Enabled && self.gate_opened;
+        let command = self.commands.newest.as_ref();
+        let left = self.range.observe(sample, command, powered, &self.config);
+        self.momentary.insert_if(left, TripCause::RangeOfMotion);
     }
 
     /// Disarmed → Armed, if no fault is active, the card has an enable line (or the rig file an
@@ -370,6 +385,8 @@ impl Interlock {
             cause: self.cause.code(),
             profile: self.config.profile.code(),
             homed: self.samples.homed(),
+            range_given: range_of_motion::given(&self.config),
+            range_supervised: self.range.in_force(self.samples.homed(), &self.config),
             ..EnableToken::default()
         }
     }

@@ -5,7 +5,7 @@ use interleavings::explore;
 use ipc_types::{ExperimentAnswer, ScanProgress};
 use loom::sync::Arc;
 use loom::thread;
-use progress::{Progress, ProgressSnapshot};
+use progress::{AxisBits, Progress, ProgressSnapshot};
 
 mod sync {
     pub(crate) use loom::sync::atomic::{AtomicU64, Ordering};
@@ -34,7 +34,8 @@ fn publish(progress: &Progress, cycle: u32) {
         scan: Some(scan),
         ..ExperimentAnswer::default()
     };
-    progress.update(cycle, &status, sample_ns(cycle), true, 1);
+    let axes = AxisBits { homed: 1, beyond_range: 0 };
+    progress.update(cycle, &status, sample_ns(cycle), true, axes);
 }
 
 /// Whoever sees an order taken sees what was published with it, or something newer, never older.

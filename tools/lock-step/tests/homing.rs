@@ -6,11 +6,12 @@
 mod cores;
 
 use acquisition::homing::Homing;
-use cores::{Rig, SESSION, Timeline};
+use cores::{PROFILE, Rig, SESSION, Timeline, WATCHDOG};
 use experiment::player::{Change, Reason};
 use ipc_types::{Mode, TripCause, WatchdogState};
-use rig::RigFile;
+use rig::{RangeOfMotion, RigFile};
 use simulator::PowerUp;
+use watchdog::interlock::{Config, Interlock};
 
 const RIG: &str = include_str!("../../../launch/rigs/hydrostatic.toml");
 const HOME: &str = include_str!("../../../launch/protocols/home.toml");
@@ -200,5 +201,69 @@ fn sr_30_a_counter_that_jumps_trips_and_unhomes() {
         assert_eq!(bench.live.machine.state(), WatchdogState::Tripped);
         assert_eq!(bench.live.machine.cause(), TripCause::EncoderJump);
         assert_eq!(bench.live.homing.zeros().homed, 0, "{counts} counts");
+    }
+}
+
+/// From -20° to 25°, and 2° beyond.
+fn range() -> RangeOfMotion {
+    let [min, max, tolerance] = [-20.0, 25.0, 2.0].map(f64::to_radians);
+    RangeOfMotion { min, max, tolerance }
+}
+
+/// The range of motion is far within the stops, and the search goes to both: it comes back without
+/// a trip, and ends within the range.
+#[test]
+fn sr_44_a_search_for_the_stops_comes_back_into_the_range_of_motion() {
+    let mut rig = rig_with((-85.0, 85.0), (-85.0, 85.0));
+    rig.axes[0].range_of_motion = Some(range());
+    for seed in 0..4 {
+        let mut bench = Bench::new(&rig, HOME, seed);
+        assert_eq!(bench.play(30), Some(Change::Done), "{:?}", bench.live.machine.cause());
+        assert_eq!(bench.live.machine.state(), WatchdogState::Enabled);
+        let handle = bench.live.card.motion().slave_position_rad;
+        assert_eq!(range().excess(handle), 0.0, "seed {seed}: {handle} rad");
+        let beyond = bench.live.cycles.iter().any(|cycle| {
+            let volts = cycle.command.volts[0];
+            rig.axes[0].leaves_range(0, &cycle.sample) && cycle.powered && volts != 0.0
+        });
+        assert!(beyond, "seed {seed}: homed beyond the range, it was driven back");
+    }
+}
+
+/// A movement that should not be: the watchdog alone knows the range.
+#[test]
+fn sr_44_a_movement_beyond_the_range_of_motion_loses_its_power() {
+    let rig = rig_with((-85.0, 85.0), (-85.0, 85.0));
+    let mut narrow = rig.clone();
+    narrow.axes[0].range_of_motion = Some(range());
+    for (amplitude_deg, leaves) in [(15.0, false), (60.0, true)] {
+        let movement = format!(
+            "[protocol]\nname = \"move\"\n\n[[segments]]\nkind = \"guided_sine\"\n\
+             amplitude_deg = {amplitude_deg:?}\nfrequency_hz = 0.5\nduration_s = 8.0\n"
+        );
+        let mut live = Rig::new(&rig, &movement);
+        live.machine = Interlock::new(Config::for_profile(PROFILE, SESSION, WATCHDOG, &narrow));
+        live.may_trip = leaves;
+        let mut timeline = Timeline::new(&rig);
+        let mut tick = timeline.first;
+        let end = tick + 12 * 2000;
+        while tick < end && live.machine.state() != WatchdogState::Tripped {
+            timeline.run(&mut live, tick);
+            tick += 1;
+        }
+        if !leaves {
+            assert_eq!(live.changes.last(), Some(&Change::Done));
+            continue;
+        }
+        assert_eq!(live.machine.cause(), TripCause::RangeOfMotion);
+        let handle = live.newest_sample.unwrap().slave_position[0];
+        let beyond = range().excess(handle) - range().tolerance;
+        println!("{:.2} degrees beyond the tolerance", beyond.to_degrees());
+        // A cycle of the watchdog at 190 degrees a second, twice over.
+        assert!(beyond > 0.0 && beyond < 0.4f64.to_radians(), "{beyond} rad");
+        for after in 0..20 {
+            timeline.run(&mut live, tick + after);
+        }
+        assert_eq!(live.newest_sample.unwrap().output_v[0], 0.0);
     }
 }

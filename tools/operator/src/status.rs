@@ -61,6 +61,8 @@ pub struct RigStatus {
     pub axes: usize,
     /// Axes that are not homed, from 0.
     pub unhomed: Vec<usize>,
+    /// Axes whose range of motion is not in force: unhomed, or searching for the stops.
+    pub range_not_in_force: Vec<usize>,
     /// The scanner; `null` if nothing was seen of it.
     pub scanner: Option<ScannerStatus>,
     /// The model beside each axis; empty without the monitor.
@@ -349,6 +351,8 @@ impl RigStatus {
                 u64::try_from(since.as_millis()).ok()
             });
             self.watchdog = Some(WatchdogStatus::new(token, tripped));
+            let unheld = token.range_given & !token.range_supervised;
+            self.range_not_in_force = (0..AXES).filter(|axis| unheld & 1 << axis != 0).collect();
         }
         if let Some(sample) = &seen.samples.newest {
             self.backend = CardKind::from_code(sample.backend);

@@ -76,7 +76,7 @@ impl RigView {
             "faults": faults.map(|cause| cause.text()).collect::<Vec<_>>(),
             "gate_open": sample.map(|sample| sample.gate_state == GateState::Open.code()),
             "mode": self.mode(now_ns).map(Mode::text),
-            "axes": sample.map(|sample| axes(rig, &sample)),
+            "axes": sample.map(|sample| axes(rig, &sample, token.as_ref())),
             "model": self.model(rig, now_ns),
         })
     }
@@ -101,8 +101,9 @@ fn is_fresh(time_ns: u64, now_ns: u64) -> bool {
     now_ns.saturating_sub(time_ns) < FRESH_NS
 }
 
-/// Position and homing of each axis.
-fn axes(rig: &RigFile, sample: &Sample) -> Vec<Value> {
+/// Position and homing of each axis, and whether it has a range of motion that is not in force.
+fn axes(rig: &RigFile, sample: &Sample, token: Option<&EnableToken>) -> Vec<Value> {
+    let unsupervised = token.map_or(0, |token| token.range_given & !token.range_supervised);
     let axis = |(at, axis): (usize, &rig::Axis)| {
         let (position, unit) = match axis.unit {
             AxisUnit::Radian => (sample.master_position[at].to_degrees(), "°"),
@@ -113,6 +114,7 @@ fn axes(rig: &RigFile, sample: &Sample) -> Vec<Value> {
             "position": (sample.master_present & 1 << at != 0).then_some(position),
             "unit": unit,
             "homed": sample.homed & 1 << at != 0,
+            "range_not_in_force": unsupervised & 1 << at != 0,
         })
     };
     rig.axes.iter().take(usize::from(sample.axes)).enumerate().map(axis).collect()
@@ -214,6 +216,19 @@ mod tests {
         view.model.see_state(&ModelState { state: MonitorState::Steady.code(), ..state });
         let model = view.state(&rig, 1)["model"].clone();
         assert_eq!(model[0]["departed"], false);
+    }
+
+    #[test]
+    fn a_range_of_motion_that_is_not_in_force_is_told() {
+        let rig = rig::load_rig(Path::new("hydrostatic")).unwrap();
+        let sample = Sample { time_ns: 5, axes: 1, ..Sample::default() };
+        let told = |range_given, range_supervised| {
+            let token =
+                EnableToken { time_ns: 5, range_given, range_supervised, ..EnableToken::default() };
+            let view = RigView { sample: Some(sample), token: Some(token), ..RigView::default() };
+            view.state(&rig, 6)["axes"][0]["range_not_in_force"].clone()
+        };
+        assert_eq!([told(0, 0), told(1, 1), told(1, 0)], [json!(false), json!(false), json!(true)]);
     }
 
     #[test]

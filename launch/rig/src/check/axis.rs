@@ -1,11 +1,12 @@
 //! An axis against the channels, the rates and its own sections.
 
 use crate::axis::Axis;
-use crate::axis_unit::AxisUnit;
+use crate::axis_unit::{AxisUnit, KeyNames};
 use crate::channel::{Channel, ChannelKind};
 use crate::checked_toml::Source;
 use crate::homing::{LOWER_STOP, UPPER_STOP};
 use crate::limits::{POSITION_MAX, POSITION_MIN, TORQUE_MAX};
+use crate::range_of_motion::{MAX, MIN};
 use crate::rates::Rates;
 
 /// Narrowest plausible range of a rotary axis (degrees).
@@ -44,6 +45,7 @@ pub(super) fn check(
     // Limits that are wrong themselves say nothing about the stops.
     if source.is_clean() {
         check_stops(axis, &path, source);
+        check_range_of_motion(axis, &path, source);
     }
 }
 
@@ -77,6 +79,38 @@ fn check_stops(axis: &Axis, path: &impl Fn(&str) -> String, source: &Source<'_>)
             let key = path(&format!("homing.{}", key.of(axis.unit)));
             source.problem(&key, expected, stop / scale, advice);
         }
+    }
+}
+
+/// The range of motion: in order, within the position limits, and about the position at which a
+/// search for the stops ends.
+fn check_range_of_motion(axis: &Axis, path: &impl Fn(&str) -> String, source: &Source<'_>) {
+    let Some(range) = axis.range_of_motion else { return };
+    let limits = &axis.limits;
+    // Without the last digits of the conversion.
+    let file = |si: f64| (si / axis.unit.si_per_file_unit() * 1e6).round() / 1e6;
+    let key = |names: KeyNames| path(&format!("range_of_motion.{}", names.of(axis.unit)));
+    if range.min >= range.max {
+        let expected = format!("more than {} ({})", MIN.of(axis.unit), file(range.min));
+        source.problem(&key(MAX), expected, file(range.max), "swap the two");
+        return;
+    }
+    for (end, names) in [(range.min, MIN), (range.max, MAX)] {
+        if !(limits.position_min..=limits.position_max).contains(&end) {
+            let (least, most) = (file(limits.position_min), file(limits.position_max));
+            let expected = format!("within the position limits ({least} to {most})");
+            let advice = "a range of motion is smaller than the limits of the machine";
+            source.problem(&key(names), expected, file(end), advice);
+        }
+    }
+    let advice = "shift the zero with the positions of the stops, or widen the range";
+    if axis.stop_search().is_some() && range.min > 0.0 {
+        let expected = "at most 0, where the handle is once its stops were found";
+        source.problem(&key(MIN), expected, file(range.min), advice);
+    }
+    if axis.stop_search().is_some() && range.max < 0.0 {
+        let expected = "at least 0, where the handle is once its stops were found";
+        source.problem(&key(MAX), expected, file(range.max), advice);
     }
 }
 

@@ -106,10 +106,12 @@ fn held_at_the_ends(
 ) -> Result<(), Refused> {
     let Some(axis) = rig.axes.get(at) else { return Ok(()) };
     let Some(force) = axis.control.force else { return Ok(()) };
-    for (end, outwards) in [(axis.limits.position_min, -1.0), (axis.limits.position_max, 1.0)] {
+    let (lowest, highest) = axis.movement_range();
+    let stop = force.end_stop_stiffness * force.end_stop_width(lowest, highest);
+    for (end, outwards) in [(lowest, -1.0), (highest, 1.0)] {
         let alone = if own { field.torque(end) } else { 0.0 };
         let torque = outwards * (alone - matrix.stiffness[at][at] * (end - matrix.centres[at]));
-        let most = RELAXED.stiffness * end.abs() + force.end_stop_stiffness * force.end_stop_way;
+        let most = RELAXED.stiffness * end.abs() + stop;
         if torque > most {
             return Err(Refused::Leaves { torque, most });
         }

@@ -131,6 +131,7 @@ impl Segment {
     fn check_movement(&self, movement: &Movement, placed: &Placement<'_>) -> bool {
         let (axis, kind) = (placed.axis, movement.kind());
         let (limits, source) = (&axis.limits, placed.source);
+        let (lowest, highest) = axis.movement_range();
         let stems = ["amplitude", "amplitudes", "positions", "position"];
         let keys: Vec<_> =
             stems.iter().flat_map(|stem| [format!("{stem}_deg"), format!("{stem}_m")]).collect();
@@ -142,14 +143,9 @@ impl Segment {
             return source.problem(&key, expected, "the other unit", advice);
         }
         if let Some((least, most)) = movement.range()
-            && (least < limits.position_min || most > limits.position_max)
+            && (least < lowest || most > highest)
         {
-            let [lowest, highest] =
-                [limits.position_min, limits.position_max].map(|limit| placed.show(limit));
-            let expected = format!("positions from {lowest} to {highest}");
-            let found = format!("a {kind} from {} to {}", placed.show(least), placed.show(most));
-            let advice = "move less, or elsewhere; the limits are the rig file's";
-            return source.problem(&key, expected, found, advice);
+            return refuse_range(placed, &key, kind, (least, most));
         }
         let field_fits = || movement.field().is_none_or(|field| check_field(field, placed));
         if !movement.check(placed) || !field_fits() {
@@ -168,4 +164,23 @@ impl Segment {
         }
         speed <= limits.speed_max
     }
+}
+
+/// Reports a movement beyond the range that its axis may move in; returns false.
+fn refuse_range(placed: &Placement<'_>, key: &str, kind: &str, reached: (f64, f64)) -> bool {
+    let (axis, index) = (placed.axis, placed.index);
+    let shown = |(least, most): (f64, f64)| {
+        let [least, most] = [least, most].map(|position| placed.show(position));
+        format!("from {least} to {most}")
+    };
+    let (whose, advice) = match axis.range_of_motion {
+        Some(_) => (
+            format!(", the range of motion of axis {index} (\"{}\")", axis.name),
+            format!("the range is axes.{index}.range_of_motion of the rig file"),
+        ),
+        None => (String::new(), "the limits are the rig file's".to_owned()),
+    };
+    let expected = format!("positions {}{whose}", shown(axis.movement_range()));
+    let found = format!("a {kind} {}", shown(reached));
+    placed.source.problem(key, expected, found, format!("move less, or elsewhere; {advice}"))
 }

@@ -26,6 +26,7 @@ unit = "UNIT"
 position_max_deg = 40.0
 position_max_m = 0.4
 volts_max = 5.0
+[axes.range_of_motion]
 [axes.homing]
 method = "stops"
 upper_stop_deg = 40.0

@@ -16,6 +16,8 @@ pub struct AxisLaw {
     pub control: AxisControl,
     /// Limits on position, speed and output.
     pub limits: Limits,
+    /// Ends of the handle's movement with a person at it, where the soft stops are (rad or m).
+    pub movement_range: (f64, f64),
     /// Limits while the axis is unhomed; `None` for absolute encoders.
     pub search: Option<StopSearch>,
     /// Dynamics of the declared model; options that need it are off without it.
@@ -35,6 +37,15 @@ impl AxisLaw {
         match self.search {
             Some(search) if !homed => search.range(),
             _ => (self.limits.position_min, self.limits.position_max),
+        }
+    }
+
+    /// Range at whose ends the soft stops of force control are (rad or m); while the axis is
+    /// unhomed, that of the search.
+    pub(super) fn hand_range(&self, homed: bool) -> (f64, f64) {
+        match self.search {
+            Some(search) if !homed => search.range(),
+            _ => self.movement_range,
         }
     }
 
@@ -68,7 +79,8 @@ impl LawConfig {
         for (index, (law, axis)) in laws.iter_mut().zip(&rig.axes).enumerate() {
             let (control, limits) = (axis.control, axis.limits);
             let search = axis.stop_search().copied();
-            *law = AxisLaw { control, limits, search, model: rig.reflected_dynamics(index) };
+            let (movement_range, model) = (axis.movement_range(), rig.reflected_dynamics(index));
+            *law = AxisLaw { control, limits, movement_range, search, model };
         }
         let period_s = 1.0 / f64::from(rig.rates.control_hz);
         Self { axes: rig.axes.len(), axis: laws, period_s }

@@ -52,7 +52,7 @@ impl Law {
         // The field's inertia term, the least certain one, is limited to the torque that takes the
         // output to its limit.
         let most = limit_v / force.volts_per_hand_torque();
-        let (lowest, highest) = law.position_range(axis.homed);
+        let (lowest, highest) = law.hand_range(axis.homed);
         let field = field_torque(setpoint, index, &handle, most)
             + end_stop_torque(force, handle.position[index], lowest, highest);
         let torque = sample.slave_torque[index] + field;

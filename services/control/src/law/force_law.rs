@@ -53,8 +53,10 @@ pub fn step(
 }
 
 /// Torque of the soft stops at a position (N·m or N), for an axis that ends at `least` and `most`
-/// (rad or m).
+/// (rad or m). They never meet ([`ForceControl::end_stop_width`]), so that half of the way between
+/// the ends is free.
 pub fn end_stop_torque(gains: &ForceControl, position: f64, least: f64, most: f64) -> f64 {
-    let inside = position.max(least + gains.end_stop_way).min(most - gains.end_stop_way);
+    let width = gains.end_stop_width(least, most);
+    let inside = position.max(least + width).min(most - width);
     -gains.end_stop_stiffness * (position - inside)
 }

@@ -2,7 +2,7 @@
 
 use control::law::field::{Handle, field_torque};
 use control::law::force_law::{end_stop_torque, offset_v, settled_v, step};
-use control::law::{AUTHORITY_S, Law};
+use control::law::{AUTHORITY_S, AxisLaw, Law};
 use ipc_types::{AXES, Mode, MotorCommand, Setpoint, TABLE};
 
 use super::{COUNTS, SECOND, axis_law, config, force_control, sample, setpoint, sine};
@@ -151,6 +151,47 @@ fn soft_stops_begin_before_the_ends() {
     assert_eq!(end_stop_torque(&gains, 1.89, -2.0, 2.0), 0.0);
     close(end_stop_torque(&gains, 2.0, -2.0, 2.0), -1.0);
     close(end_stop_torque(&gains, -2.05, -2.0, 2.0), 1.5);
+}
+
+#[test]
+fn soft_stops_of_a_narrow_way_do_not_meet() {
+    let gains = force_control();
+    // 0.15 rad, less than twice their width of 0.1 rad: each has a quarter.
+    for (position, torque) in
+        [(-0.1, 0.375), (-0.0625, 0.0), (-0.025, 0.0), (0.0125, 0.0), (0.05, -0.375), (0.1, -0.875)]
+    {
+        close(end_stop_torque(&gains, position, -0.1, 0.05), torque);
+    }
+    // Monotonic and inwards, whatever the width of the way.
+    for width in [0.0, 1e-3, 0.1, 0.19, 0.21, 3.0] {
+        let (least, most) = (-0.3, -0.3 + width);
+        let torques: Vec<f64> = (0..=100)
+            .map(|step| f64::from(step).mul_add(0.01 * width, least))
+            .map(|position| end_stop_torque(&gains, position, least, most))
+            .collect();
+        assert!(torques.windows(2).all(|pair| pair[1] <= pair[0] + 1e-12), "{width}: {torques:?}");
+        assert!(torques[0] >= 0.0 && torques[100] <= 0.0, "{width}: {torques:?}");
+        assert!(torques[50].abs() < 1e-12, "{width}: {}", torques[50]);
+    }
+}
+
+#[test]
+fn soft_stops_are_at_the_ends_of_the_range_of_motion() {
+    let law = AxisLaw { movement_range: (-0.1, 0.05), ..axis_law() };
+    let volts_at = |position: f64| {
+        let mut law = Law::new(config(law, 500));
+        let mut now = SECOND;
+        let mut volts = f64::NAN;
+        for _ in 0..200 {
+            now += 2_000_000;
+            volts = law.step(now, &sample(now, position), Some(&free(now)), true).volts[0];
+        }
+        volts
+    };
+    let gains = force_control();
+    close(volts_at(-0.1), settled_v(&gains, 0.375, 0.0));
+    close(volts_at(-0.025), 0.0);
+    close(volts_at(0.05), settled_v(&gains, -0.375, 0.0));
 }
 
 fn free(now: u64) -> Setpoint {

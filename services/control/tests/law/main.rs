@@ -29,7 +29,7 @@ fn axis_law() -> AxisLaw {
     };
     let limits =
         Limits { position_min: -2.0, position_max: 2.0, speed_max: 10.0, ..Limits::default() };
-    AxisLaw { control, limits, search: None, model: None }
+    AxisLaw { control, limits, movement_range: (-2.0, 2.0), search: None, model: None }
 }
 
 /// Eq. 4.2.1 to 4.2.3, with a torque cell of 0.5 V/(N·m).

@@ -33,6 +33,8 @@ pub struct Program {
     pub(super) axes: usize,
     /// Position limits of each axis (rad or m).
     pub(super) limits: [(f64, f64); AXES],
+    /// Axes that have a range of motion, one bit each.
+    with_range: u8,
     /// How each axis with incremental encoders is homed.
     pub(super) homing: [Option<AxisHoming>; AXES],
     pub(super) steps: Vec<Step>,
@@ -140,6 +142,7 @@ impl Program {
             identity: protocol.identity(),
             axes: rig.axes.len(),
             limits,
+            with_range: rig.axis_bits(|axis| axis.range_of_motion.is_some()),
             homing,
             steps,
             scan: ScanPlan {
@@ -326,9 +329,15 @@ impl Program {
             .all(|(least, most)| least >= lower && most <= upper)
     }
 
+    /// Whether it searches for the stops of an axis.
+    pub fn searches(&self) -> bool {
+        self.steps.iter().any(|step| matches!(step.track.movement, Movement::Initialise(_)))
+    }
+
     /// The first segment that needs an axis homed which is not, with that axis; `homed` has a bit
     /// for each axis that is at the beginning. Searches for the stops, rests, and free movement
-    /// without a force field need none.
+    /// without a force field need none; the last does where the rig file gives the axis a range of
+    /// motion, which nothing supervises without a zero.
     pub fn first_unhomed(&self, mut homed: u8) -> Option<(usize, usize)> {
         let first = self.first_segment() as usize;
         for (at, step) in self.steps.iter().enumerate().skip(first) {
@@ -338,10 +347,11 @@ impl Program {
                 continue;
             }
             let rests = matches!(movement, Movement::Rest(_) | Movement::WaitForScanner(_));
+            let supervised = self.with_range & !homed == 0;
             let free = step.tracks().all(|(_, track)| {
                 track.movement.field().is_some_and(|field| *field == Field::default())
             });
-            if rests || free {
+            if rests || free && supervised {
                 continue;
             }
             let unhomed = (0..self.axes).find(|axis| homed & 1 << axis == 0);

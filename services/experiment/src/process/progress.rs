@@ -10,7 +10,8 @@ use crate::sync::{AtomicU64, Ordering};
 #[derive(Debug, Default)]
 pub(super) struct Progress {
     /// Bits 0 to 31: segment; 32: running; 33: completed; 34: enabled; 35 to 37: homed axes; 38:
-    /// volumes are counted; 40 to 63: newest order accepted.
+    /// volumes are counted; 39 to 41: axes beyond their range of motion; 42 to 63: newest order
+    /// accepted.
     packed: AtomicU64,
     /// Time played (s), as the bits of an `f64`.
     elapsed_s_bits: AtomicU64,
@@ -27,11 +28,22 @@ const RUNNING: u64 = 1 << 32;
 const COMPLETED: u64 = 1 << 33;
 const ENABLED: u64 = 1 << 34;
 const HOMED_SHIFT: u32 = 35;
-const HOMED_MASK: u64 = (1 << AXES) - 1;
+const AXES_MASK: u64 = (1 << AXES) - 1;
 const SCAN_SHIFT: u32 = 38;
 const SCAN: u64 = 1 << SCAN_SHIFT;
-const ORDER_SHIFT: u32 = 40;
+const BEYOND_SHIFT: u32 = 39;
+const ORDER_SHIFT: u32 = 42;
 const _: () = assert!(HOMED_SHIFT as usize + AXES <= SCAN_SHIFT as usize);
+const _: () = assert!(BEYOND_SHIFT as usize + AXES <= ORDER_SHIFT as usize);
+
+/// What the newest sample shows of the axes, one bit each.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct AxisBits {
+    /// Homed.
+    pub(super) homed: u8,
+    /// The handle is beyond its range of motion.
+    pub(super) beyond_range: u8,
+}
 
 /// A snapshot of [`Progress`].
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -43,6 +55,8 @@ pub(super) struct ProgressSnapshot {
     pub(super) enabled: bool,
     /// Homed axes, one bit each.
     pub(super) homed: u8,
+    /// Axes whose handle is beyond its range of motion, one bit each.
+    pub(super) beyond_range: u8,
     pub(super) segment: u32,
     /// Time played (s).
     pub(super) elapsed_s: f64,
@@ -53,7 +67,7 @@ pub(super) struct ProgressSnapshot {
 }
 
 impl Progress {
-    /// Largest order number that fits (24 bits).
+    /// Largest order number that fits (22 bits).
     pub(super) const ORDER_MAX: u32 = (1 << (64 - ORDER_SHIFT)) - 1;
 
     /// Publishes the progress. The packed word is stored last, with release ordering.
@@ -63,7 +77,7 @@ impl Progress {
         status: &ExperimentAnswer,
         sample_ns: u64,
         enabled: bool,
-        homed: u8,
+        axes: AxisBits,
     ) {
         let flag = |set, bit| if set { bit } else { 0 };
         let packed = u64::from(status.segment)
@@ -71,7 +85,8 @@ impl Progress {
             | flag(status.completed, COMPLETED)
             | flag(enabled, ENABLED)
             | flag(status.scan.is_some(), SCAN)
-            | (u64::from(homed) & HOMED_MASK) << HOMED_SHIFT
+            | (u64::from(axes.homed) & AXES_MASK) << HOMED_SHIFT
+            | (u64::from(axes.beyond_range) & AXES_MASK) << BEYOND_SHIFT
             | u64::from(order) << ORDER_SHIFT;
         self.elapsed_s_bits.store(status.elapsed_s.to_bits(), Ordering::Relaxed);
         self.sample_ns.store(sample_ns, Ordering::Relaxed);
@@ -110,7 +125,8 @@ impl Progress {
             running: packed & RUNNING != 0,
             completed: packed & COMPLETED != 0,
             enabled: packed & ENABLED != 0,
-            homed: (packed >> HOMED_SHIFT & HOMED_MASK) as u8,
+            homed: (packed >> HOMED_SHIFT & AXES_MASK) as u8,
+            beyond_range: (packed >> BEYOND_SHIFT & AXES_MASK) as u8,
             segment: packed as u32,
             elapsed_s: f64::from_bits(self.elapsed_s_bits.load(Ordering::Relaxed)),
             sample_ns: self.sample_ns.load(Ordering::Relaxed),
@@ -154,13 +170,15 @@ mod tests {
                 scan,
                 ..ExperimentAnswer::default()
             };
-            progress.update(order, &status, 42, enabled, 5);
+            let axes = AxisBits { homed: 5, beyond_range: 6 };
+            progress.update(order, &status, 42, enabled, axes);
             let expected = ProgressSnapshot {
                 order,
                 running,
                 completed,
                 enabled,
                 homed: 5,
+                beyond_range: 6,
                 segment,
                 elapsed_s: 1.25,
                 sample_ns: 42,

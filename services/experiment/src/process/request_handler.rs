@@ -242,6 +242,7 @@ impl RequestHandler {
             );
         }
         self.check_homed(&program)?;
+        self.check_handles(&program)?;
         Ok(program)
     }
 
@@ -256,6 +257,21 @@ impl RequestHandler {
              `farreach run {}` first, or begin the protocol with an `initialise` segment of the \
              axis",
             program.label(segment),
+            rig::home_protocol(self.rig.axes.len())
+        ))
+    }
+
+    /// Refuses all but a search for the stops while a handle is beyond its range of motion: the
+    /// watchdog would cut the power with the first volts.
+    fn check_handles(&self, program: &Program) -> Result<(), String> {
+        let beyond = self.link.progress.read().beyond_range;
+        let first = self.rig.axes.iter().enumerate().find(|(at, _)| beyond & 1 << at != 0);
+        let Some((at, axis)) = first.filter(|_| !program.searches()) else { return Ok(()) };
+        Err(format!(
+            "the handle of axis {at} (\"{}\") is beyond its range of motion \
+             (axes.{at}.range_of_motion of the rig file): with nobody at the handle bring it back \
+             at the motor, or run `farreach run {}`",
+            axis.name,
             rig::home_protocol(self.rig.axes.len())
         ))
     }

@@ -36,6 +36,7 @@ pub const PRIORITY: &[TripCause] = &[
     TripCause::EncoderJump,
     TripCause::HomingLost,
     TripCause::PositionLimit,
+    TripCause::RangeOfMotion,
     TripCause::SpeedLimit,
     TripCause::TorqueLimit,
     TripCause::VoltageLimit,

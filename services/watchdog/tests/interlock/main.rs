@@ -10,6 +10,7 @@ mod homing;
 mod motor_power;
 mod plausibility;
 mod properties;
+mod range_of_motion;
 mod times;
 #[path = "../../../runtime/tests/gate/walk.rs"]
 mod walk;

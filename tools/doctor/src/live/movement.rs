@@ -14,9 +14,11 @@ use super::rest::no_file;
 use crate::bench::Bench;
 use crate::outcome::{Outcome, worse};
 
-/// Amplitude, as a share of the axis's range: enough for the handle to follow through the windup of
-/// a line of 10 m.
+/// Amplitude, as a share of the way between the position limits: enough for the handle to follow
+/// through the windup of a line of 10 m.
 const AMPLITUDE_SHARE: f64 = 0.05;
+/// Largest amplitude, as a share of the range of motion where that is narrow.
+const LARGEST_SHARE: f64 = 0.25;
 /// Time of each movement, and rest after it (s).
 const RISE_S: f64 = 1.0;
 const DWELL_S: f64 = 0.3;
@@ -109,9 +111,10 @@ fn make(bench: &mut Bench<'_>) -> anyhow::Result<Movement> {
 
 /// Amplitude of an axis's movement, and the middle of it, near where it is now (rad or m).
 fn span(axis: &Axis, now: f64) -> (f64, f64) {
-    let (min, max) = (axis.limits.position_min, axis.limits.position_max);
-    let amplitude = AMPLITUDE_SHARE * (max - min);
-    // Not near a limit, nor near the stops.
+    let (min, max) = axis.movement_range();
+    let limits = axis.limits.position_max - axis.limits.position_min;
+    let amplitude = (AMPLITUDE_SHARE * limits).min(LARGEST_SHARE * (max - min));
+    // Not near an end of its range, nor near the stops.
     let (low, high) = axis.stop_search().map_or((min, max), |search| (search.lower, search.upper));
     let (low, high) = (low.max(min) + 3.0 * amplitude, high.min(max) - 3.0 * amplitude);
     let middle = if low < high { now.clamp(low, high) } else { f64::midpoint(low, high) };
@@ -414,6 +417,21 @@ mod tests {
                     assert!(middle - 2.0 * amplitude > axis.limits.position_min);
                     assert!(middle + 2.0 * amplitude < axis.limits.position_max);
                 }
+            }
+        }
+    }
+
+    #[test]
+    fn the_movement_stays_within_the_range_of_motion() {
+        let mut rig = rig::load_rig(std::path::Path::new("hydrostatic")).unwrap();
+        for (min, max) in [(-0.35, 0.4), (-0.02, 0.06)] {
+            let range = rig::RangeOfMotion { min, max, tolerance: 0.03 };
+            rig.axes[0].range_of_motion = Some(range);
+            for at in [-9.0, 0.0, 9.0] {
+                let mut last = Sample::default();
+                last.master_position.fill(at);
+                let protocol = Protocol::parse(&text_of(&rig, &last), "doctor").unwrap();
+                protocol.check_against(&rig).unwrap_or_else(|error| panic!("{min}: {error}"));
             }
         }
     }

@@ -57,7 +57,7 @@ impl RigCapability {
         let limits = axis.limits;
         Some(Self {
             axis: number,
-            range: (limits.position_min, limits.position_max),
+            range: axis.movement_range(),
             speed_max: limits.speed_max,
             volts_max: axis.control.output_limit_v.min(limits.volts_max),
             control_s: 1.0 / f64::from(rig.rates.control_hz),

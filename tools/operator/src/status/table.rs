@@ -49,6 +49,7 @@ pub fn table(status: &RigStatus, now: SystemTime, width: usize) -> String {
         }
     }
     lines.extend(unhomed_line(&status.unhomed, rig::home_protocol(status.axes)));
+    lines.extend(status.range_not_in_force.iter().map(|axis| range_line(*axis, &status.unhomed)));
     lines.extend(status.protocol.iter().flat_map(ProtocolStatus::lines));
     lines.extend(status.scanner.as_ref().map(ScannerStatus::line));
     lines.extend(status.model.iter().map(model_line));
@@ -135,6 +136,12 @@ fn unhomed_line(axes: &[usize], protocol: &str) -> Option<String> {
     Some(format!(
         "homing    {which} NOT HOMED: positions count from power-up (farreach run {protocol})"
     ))
+}
+
+/// Tells that nothing holds the handle of an axis to its range of motion, and why.
+fn range_line(axis: usize, unhomed: &[usize]) -> String {
+    let why = if unhomed.contains(&axis) { "not homed" } else { "search for the stops" };
+    format!("handle    range of motion not in force on axis {axis} ({why})")
 }
 
 /// Where the loops run, and which of them were refused their processor.
@@ -348,6 +355,20 @@ mod tests {
         assert!(text.contains(line), "{text}");
         status.processes[0].processors = vec![1];
         assert!(!table(&status, now(), usize::MAX).contains("REFUSED"));
+    }
+
+    #[test]
+    fn a_range_of_motion_that_is_not_in_force_is_shown_with_the_reason() {
+        let mut status = status();
+        assert!(!table(&status, now(), usize::MAX).contains("range of motion"));
+        (status.axes, status.unhomed, status.range_not_in_force) = (2, vec![1], vec![0, 1]);
+        let text = table(&status, now(), 80);
+        for line in [
+            "handle    range of motion not in force on axis 0 (search for the stops)\n",
+            "handle    range of motion not in force on axis 1 (not homed)\n",
+        ] {
+            assert!(text.contains(line), "{text}");
+        }
     }
 
     #[test]

@@ -163,7 +163,8 @@ Link.on("state", (message) => {
     element("watchdog").textContent = rig.watchdog === "enabled" ? "enabled: MOTOR ON" : state;
     element("handle").textContent = (rig.axes || []).map((axis) =>
         `${axis.name} ${axis.position === null ? "?" : axis.position.toFixed(1)} ${axis.unit}` +
-        (axis.homed ? "" : ", NOT HOMED"))
+        (axis.homed ? "" : ", NOT HOMED") +
+        (axis.range_not_in_force ? ", RANGE OF MOTION NOT IN FORCE" : ""))
         .join("   ");
     const faults = rig.faults.length > 0 ? `active: ${rig.faults.join(", ")}` : "no active fault";
     element("interlocks").textContent = rig.cause ? `cause: ${rig.cause}; ${faults}` : faults;
