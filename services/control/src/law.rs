@@ -13,12 +13,13 @@
 //! **Options** ([`rig::ControlOptions`]). Friction compensation from the declared model instead of
 //! the printed triangle, a disturbance observer, and an outer loop on the slave that shifts the
 //! master's reference. `reference_position` of the command is then the master's reference, not the
-//! slave's.
+//! slave's. A search for the stops, and an axis that is not homed, have none of them: there the
+//! feed-forward is the printed one, or none.
 //!
 //! **Force control.** In [`Mode::Impedance`] and [`Mode::Rhythm`] the machine moves with the hand
 //! ([`force_law`]); the thesis's IMPEDENCE, a sine under position control, is [`Mode::Position`]
-//! here. Transfer between the two controllers is bumpless: the difference fades within
-//! [`AUTHORITY_S`].
+//! here. Transfer between position control with its options, position control without, and force
+//! control is bumpless: the difference fades within [`AUTHORITY_S`].
 //!
 //! **Late answers.** A loop that is kept from answering in time reduces its feedback ([`latency`]).
 //!
@@ -39,6 +40,7 @@
 
 mod compensation;
 mod config;
+mod controller;
 mod feedforward;
 pub mod field;
 mod force_control;
@@ -54,6 +56,7 @@ mod transition;
 mod velocity_estimate;
 
 pub use config::{AxisLaw, LawConfig, STOP_S};
+use controller::Controller;
 use feedforward::Slew;
 pub use feedforward::{REVERSAL, friction};
 use ipc_types::{AXES, Mode, MotorCommand, Sample, Setpoint};
@@ -107,9 +110,9 @@ struct Axis {
     acceleration: VelocityEstimate,
     /// Output of the force control, eq. 4.2.1 (V).
     force_v: f64,
-    /// Whether the last output was that of force control.
-    force_controlled: bool,
-    /// The last output before scaling by the authority (V), and the part of the other controller's
+    /// Whose output the last one was.
+    controller: Controller,
+    /// The last output before scaling by the authority (V), and the part of another controller's
     /// output that bumpless transfer still adds.
     output_v: f64,
     carried_v: f64,
@@ -369,6 +372,10 @@ impl Law {
                 axis.transition = None;
             } else {
                 axis.reference = reference;
+            }
+            if Controller::of(mode, axis.homed) == Controller::Search {
+                // The search begins where the outer loop on the slave had brought the master.
+                axis.reference = axis.reference.plus(&axis.options.slave.take());
             }
             let target = match (source, live) {
                 (Source::Setpoint { .. }, Some(setpoint))

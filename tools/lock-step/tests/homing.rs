@@ -155,6 +155,43 @@ fn sr_30_unequal_stops_are_homed_too() {
     }
 }
 
+/// The options of a tuned control, which help it to follow, keep out of the search: on machines
+/// with effects that wind the line up, or turn the handle, the search would else trip.
+#[test]
+fn sr_30_a_tuned_rig_is_homed_whatever_its_machine_has() {
+    let options = "[axes.control.observer]\n\n[axes.control.slave]\nlead_s = 0.03\n\n";
+    let tuned = RIG.replace("kind = \"printed\"", "kind = \"identified\"").replacen(
+        "# Analog inputs,",
+        &format!("{options}# Analog inputs,"),
+        1,
+    );
+    for (id, site, parameter) in [
+        ("backlash", "slave", "gap = 0.05"),
+        ("coulomb_friction", "master", "level = 0.4"),
+        ("viscous_friction", "slave", "coefficient = 0.12"),
+        ("gravity_imbalance", "slave", "torque = 1.3"),
+        ("line_compliance", "line", "compliance_ratio = 0.9"),
+        ("leakage", "line", "conductance = 4e-12"),
+        ("torque_ripple", "drive", "amplitude = 0.25"),
+        ("extra_inertia", "slave", "inertia = 4e-3"),
+    ] {
+        let effect = format!(
+            "[[model.effects]]\nid = \"{id}\"\nsite = \"{site}\"\nparameters = {{ {parameter} }}\n"
+        );
+        let text = tuned.replacen("[replay]", &format!("{effect}\n[replay]"), 1);
+        let rig = RigFile::parse(&text, "tuned.toml").unwrap();
+        let options = rig.axes[0].control.options;
+        assert!(options.observer.is_some() && options.slave.is_some());
+        for seed in 0..4 {
+            let mut bench = Bench::new(&rig, HOME, seed);
+            let ended = bench.play(40);
+            let cause = bench.live.machine.cause();
+            assert_eq!(ended, Some(Change::Done), "{id}@{site}, seed {seed}: {cause:?}");
+            println!("{id}@{site}, seed {seed}: {:?} counts", bench.error());
+        }
+    }
+}
+
 #[test]
 fn sr_30_a_travel_that_is_not_the_rig_files_gives_no_zero() {
     let rig = rig_with((-22.0, 10.0), (-22.0, 22.0));

@@ -17,13 +17,21 @@ use super::observer::OBSERVER_SLEW_S;
 use super::position_options::Windup;
 use super::saturation::{soft_sign, within};
 use super::transition::Motion;
-use super::{AxisLaw, FRICTION_SLEW_S};
+use super::{AxisLaw, Controller, FRICTION_SLEW_S};
 
 impl AxisLaw {
-    /// Highest friction compensation (V).
-    pub(super) fn friction_peak(&self) -> f64 {
+    /// The compensation that a controller uses: a search has no other than the printed one.
+    pub(super) fn compensation_of(&self, controller: Controller) -> CompensationKind {
+        match (controller, self.control.options.compensation.kind) {
+            (Controller::Search, CompensationKind::Identified) => CompensationKind::Printed,
+            (_, kind) => kind,
+        }
+    }
+
+    /// Highest friction compensation of a kind (V).
+    pub(super) fn friction_peak(&self, kind: CompensationKind) -> f64 {
         let compensation = &self.control.options.compensation;
-        match (compensation.kind, &self.model) {
+        match (kind, &self.model) {
             (CompensationKind::Printed, _) => self.control.feedforward.friction_peak_v,
             (CompensationKind::Identified, Some(model)) => {
                 let peak_v = compensation.share
@@ -39,12 +47,16 @@ impl AxisLaw {
     /// with the printed feed-forward (V).
     pub(super) fn options_step_v(&self, period_s: f64) -> f64 {
         let observer_v = self.control.options.observer.map_or(0.0, |observer| observer.limit_v);
-        period_s * (self.friction_peak() / FRICTION_SLEW_S + observer_v / OBSERVER_SLEW_S)
+        let peak_v = [Controller::Position, Controller::Search]
+            .map(|controller| self.friction_peak(self.compensation_of(controller)))
+            .into_iter()
+            .fold(0.0, f64::max);
+        period_s * (peak_v / FRICTION_SLEW_S + observer_v / OBSERVER_SLEW_S)
     }
 
     /// Inertia of the feed-forward, in volts per acceleration (V·s²/rad or V·s²/m).
-    pub(super) fn inertia(&self) -> f64 {
-        match (self.control.options.compensation.kind, &self.model) {
+    pub(super) fn inertia(&self, kind: CompensationKind) -> f64 {
+        match (kind, &self.model) {
             (CompensationKind::Printed, _) => self.control.feedforward.inertia_v,
             (CompensationKind::Identified, Some(model)) => model.inertia_v,
             _ => 0.0,
@@ -55,12 +67,13 @@ impl AxisLaw {
     /// movement (rad/s or m/s).
     pub(super) fn friction_wanted(
         &self,
+        kind: CompensationKind,
         windup: &mut Windup,
         reference: &Motion,
         peak_speed: f64,
     ) -> f64 {
         let compensation = &self.control.options.compensation;
-        match (compensation.kind, &self.model) {
+        match (kind, &self.model) {
             (CompensationKind::Printed, _) => friction(
                 reference.velocity,
                 peak_speed,
@@ -70,7 +83,7 @@ impl AxisLaw {
             (CompensationKind::Identified, Some(model)) => {
                 let near = model.master_friction.level_v(reference.velocity);
                 let sign = soft_sign(reference.velocity, compensation.reversal_speed);
-                let peak = self.friction_peak();
+                let peak = self.friction_peak(kind);
                 let wanted = compensation.share * (near * sign + windup.follow(model, reference));
                 if wanted.is_finite() { within(wanted, peak) } else { wanted }
             }

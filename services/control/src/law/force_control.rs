@@ -12,7 +12,7 @@ use ipc_types::{MotorCommand, Sample, Setpoint};
 
 use super::field::{Handle, field_torque};
 use super::force_law::{end_stop_torque, step};
-use super::{AUTHORITY_S, Axis, Law, handle_position, within};
+use super::{AUTHORITY_S, Axis, Controller, Law, handle_position, within};
 
 impl Law {
     /// Whether every axis has force control and a measured torque.
@@ -56,14 +56,14 @@ impl Law {
         let field = field_torque(setpoint, index, &handle, most)
             + end_stop_torque(force, handle.position[index], lowest, highest);
         let torque = sample.slave_torque[index] + field;
-        let before_v = if axis.force_controlled { axis.force_v } else { 0.0 };
+        let before_v = if axis.controller == Controller::Force { axis.force_v } else { 0.0 };
         // The motor's speed, since most of the friction is at the motor.
         axis.force_v = step(force, before_v, torque, axis.velocity.velocity(), elapsed_s, limit_v);
         if !axis.force_v.is_finite() {
             return false;
         }
         let wanted_v = self.latency.feedback_factor * axis.force_v;
-        let carried_v = axis.carry(true, wanted_v, limit_v * elapsed_s / AUTHORITY_S);
+        let carried_v = axis.carry(Controller::Force, wanted_v, limit_v * elapsed_s / AUTHORITY_S);
         let limited_v = within(wanted_v + carried_v, limit_v);
         axis.output_v = limited_v;
         let master = sample.master_position[index];
@@ -85,11 +85,11 @@ impl Law {
 impl Axis {
     /// Bumpless transfer: the part of the last output that is still added to the `next_v` of this
     /// controller; fades by `fade_v` per step.
-    pub(super) fn carry(&mut self, force_controlled: bool, next_v: f64, fade_v: f64) -> f64 {
-        if force_controlled == self.force_controlled {
+    pub(super) fn carry(&mut self, controller: Controller, next_v: f64, fade_v: f64) -> f64 {
+        if controller == self.controller {
             self.carried_v -= self.carried_v.clamp(-fade_v, fade_v);
         } else {
-            self.force_controlled = force_controlled;
+            self.controller = controller;
             self.carried_v = self.output_v - next_v;
         }
         self.carried_v
@@ -98,7 +98,7 @@ impl Axis {
     /// Clears the output and all that bumpless transfer would carry over.
     pub(super) fn forget(&mut self) {
         self.force_v = 0.0;
-        self.force_controlled = false;
+        self.controller = Controller::default();
         self.output_v = 0.0;
         self.carried_v = 0.0;
     }

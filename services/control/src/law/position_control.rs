@@ -1,12 +1,13 @@
 //! Position control: one step of feedback, feed-forward and the options.
 
-use ipc_types::{MotorCommand, Sample, Setpoint};
+use ipc_types::{Mode, MotorCommand, Sample, Setpoint};
 use rig::CompensationKind;
 
 use super::compensation::motor_v;
 use super::transition::Motion;
 use super::{
-    AUTHORITY_S, Axis, AxisLaw, FRICTION_SLEW_S, INERTIA_SLEW_S, Law, observer, slave_loop, within,
+    AUTHORITY_S, Axis, AxisLaw, Controller, FRICTION_SLEW_S, INERTIA_SLEW_S, Law, observer,
+    slave_loop, within,
 };
 
 /// Share of the reversal speed below which the reference counts as at rest.
@@ -33,18 +34,31 @@ impl Law {
             command.reference_position[index] = position;
             return true;
         }
+        let mode = Mode::from_code(command.mode).unwrap_or(Mode::Hold);
+        let controller = Controller::of(mode, axis.homed);
+        let searches = controller == Controller::Search;
+        if searches {
+            axis.options.reset();
+        }
+        let kind = law.compensation_of(controller);
         let peak_speed = live.map_or(0.0, |setpoint| setpoint.peak_speed[index].max(0.0));
         let peak_speed = axis
             .transition
             .map_or(peak_speed, |transition| peak_speed.max(transition.peak_speed()));
-        let reference = axis.master_reference(law, sample, index, peak_speed, elapsed_s);
-        let friction_v = law.friction_wanted(&mut axis.options.windup, &reference, peak_speed);
+        let reference = if searches {
+            axis.reference
+        } else {
+            axis.master_reference(law, sample, index, peak_speed, elapsed_s)
+        };
         let friction_v =
-            axis.friction.follow(friction_v, law.friction_peak() * elapsed_s / FRICTION_SLEW_S);
+            law.friction_wanted(kind, &mut axis.options.windup, &reference, peak_speed);
+        let friction_v =
+            axis.friction.follow(friction_v, law.friction_peak(kind) * elapsed_s / FRICTION_SLEW_S);
         let limit_v = axis.limit_v;
-        let inertia_v = within(law.inertia() * reference.acceleration, limit_v);
+        let inertia_v = within(law.inertia(kind) * reference.acceleration, limit_v);
         let inertia_v = axis.inertia.follow(inertia_v, limit_v * elapsed_s / INERTIA_SLEW_S);
-        let observed_v = axis.observed(law, sample, index, friction_v, elapsed_s);
+        let observed_v =
+            if searches { 0.0 } else { axis.observed(law, sample, index, friction_v, elapsed_s) };
         let feedforward_v = friction_v + inertia_v + observed_v;
         let feedback_v = self.latency.feedback_factor
             * (law.control.position_gain * (reference.position - position)
@@ -54,7 +68,7 @@ impl Law {
             return false;
         }
         let carried_v =
-            axis.carry(false, within(wanted_v, limit_v), limit_v * elapsed_s / AUTHORITY_S);
+            axis.carry(controller, within(wanted_v, limit_v), limit_v * elapsed_s / AUTHORITY_S);
         // Limited before it is scaled by the authority, so that the ramp to 0 V begins at the
         // actual output.
         let wanted_v = wanted_v + carried_v;

@@ -124,6 +124,11 @@ impl SlaveOffset {
         self.shape(wanted, speed, dt)
     }
 
+    /// The offset of the master's reference, which the loop gives up: it begins anew.
+    pub(super) fn take(&mut self) -> Motion {
+        std::mem::take(self).offset
+    }
+
     /// Filters the offset and limits its speed.
     fn shape(&mut self, wanted: f64, speed: f64, dt: f64) -> Motion {
         if !wanted.is_finite() {
