@@ -67,8 +67,14 @@ class Rig:
         """The rig, up and homed, within a `with`."""
         self.ok("up", "--simulate", *options)
         try:
-            self.arm()
-            self.ok("run", "home")
+            # A stall of the host may trip it, rightly.
+            for _ in range(5):
+                self.arm()
+                homed = self.run("run", "home")
+                if homed.returncode == 0:
+                    break
+            else:
+                raise RuntimeError(f"run home: {homed.stderr.strip()}")
             yield self
         finally:
             self.run("down")
