@@ -12,6 +12,8 @@ use super::{
 
 /// Share of the reversal speed below which the reference counts as at rest.
 const RESTS: f64 = 0.1;
+/// Share of the range of positions that the loop on the slave keeps the master off either end.
+const LIMIT_MARGIN: f64 = 0.025;
 
 impl Law {
     /// Writes feedback, feed-forward and the options' contributions of one axis into the command.
@@ -109,7 +111,26 @@ impl Axis {
             speed: law.catch_up_speed().abs(),
             elapsed_s,
         };
-        self.reference.plus(&self.options.slave.step(settings, model, &seen))
+        let shifted = self.reference.plus(&self.options.slave.step(settings, model, &seen));
+        self.within_limits(law, shifted)
+    }
+
+    /// The master's reference, kept off its position limits. A handle that lies at a stop cannot
+    /// follow further: the loop would wind up the line until the master passes its limit. The
+    /// movement itself, without the loop, may go as far as the limits let it.
+    fn within_limits(&mut self, law: &AxisLaw, shifted: Motion) -> Motion {
+        let (lowest, highest) = law.position_range(self.homed);
+        let margin = LIMIT_MARGIN * (highest - lowest);
+        let least = (lowest + margin).min(self.reference.position);
+        let most = (highest - margin).max(self.reference.position);
+        let end = match shifted.position {
+            position if position < least => least,
+            position if position > most => most,
+            _ => return shifted,
+        };
+        let held = Motion::at_rest(end);
+        self.options.slave.hold(held.minus(&self.reference));
+        held
     }
 
     /// Contribution of the disturbance observer (V).

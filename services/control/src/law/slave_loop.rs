@@ -19,8 +19,9 @@
 //!
 //! The offset fades in within [`ENGAGE_S`] of power on. The constant and the rest of it are limited
 //! alike, each by itself, and the sum passes through a critically damped second-order filter with
-//! limited speed, so that the master's reference never jumps. Without a measured slave position the
-//! error counts as 0, and nothing is adapted.
+//! limited speed, so that the master's reference never jumps. It is held where it would take the
+//! master near its position limits: a handle at its stop cannot follow. Without a measured slave
+//! position the error counts as 0, and nothing is adapted.
 
 use std::f64::consts::TAU;
 
@@ -127,6 +128,11 @@ impl SlaveOffset {
     /// The offset of the master's reference, which the loop gives up: it begins anew.
     pub(super) fn take(&mut self) -> Motion {
         std::mem::take(self).offset
+    }
+
+    /// Holds the offset where the master's limits end it: it does not wind up beyond.
+    pub(super) const fn hold(&mut self, offset: Motion) {
+        self.offset = offset;
     }
 
     /// Filters the offset and limits its speed.

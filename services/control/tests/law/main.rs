@@ -60,6 +60,7 @@ fn sample(time_ns: u64, position: f64) -> Sample {
         master_present: 1,
         torque_present: 1,
         axes: 1,
+        homed: 1,
         ..Sample::default()
     };
     sample.master_position[0] = position;

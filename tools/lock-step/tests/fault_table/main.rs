@@ -225,10 +225,13 @@ fn sr_43_motor_power_that_does_not_come_trips() {
             }
             assert!(bench.tick < bench.timeline.first + SECOND, "it never trips");
         }
-        assert_eq!(bench.live.machine.cause(), TripCause::PowerMissing);
+        // Where volts are written and read back, these tell it earlier.
+        let cause = bench.live.machine.cause();
+        assert!(matches!(cause, TripCause::PowerMissing | TripCause::ReadBack), "{cause:?}");
         // 100 ms, and a cycle of the watchdog.
         let ticks = bench.tick - opened.unwrap();
-        assert!((200..=200 + 6).contains(&ticks), "{ticks} ticks after the gate has opened");
+        let least = if cause == TripCause::PowerMissing { 200 } else { 0 };
+        assert!((least..=200 + 6).contains(&ticks), "{ticks} ticks after the gate has opened");
         assert_eq!(bench.last_volts, None);
     }
 }
