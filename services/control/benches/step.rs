@@ -47,6 +47,7 @@ impl Input {
                 torque_present: 1,
                 motor_present: 1,
                 axes: 1,
+                homed: 1,
                 ..Sample::default()
             };
             sample.master_position[0] = 0.95 * AMPLITUDE * sine;

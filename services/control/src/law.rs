@@ -373,10 +373,10 @@ impl Law {
             } else {
                 axis.reference = reference;
             }
-            if Controller::of(mode, axis.homed) == Controller::Search {
-                // The search begins where the outer loop on the slave had brought the master.
-                axis.reference = axis.reference.plus(&axis.options.slave.take());
-            }
+            // The search begins where the outer loop on the slave had brought the master.
+            let shifts = Controller::of(mode, axis.homed) == Controller::Search;
+            let shift = if shifts { axis.options.slave.take() } else { Motion::default() };
+            axis.reference = axis.reference.plus(&shift);
             let target = match (source, live) {
                 (Source::Setpoint { .. }, Some(setpoint))
                     if setpoint.position[index].is_finite() =>
@@ -390,7 +390,7 @@ impl Law {
             let jumps = law.control.position_gain.abs() * step.position.abs()
                 + law.control.velocity_gain.abs() * step.velocity.abs()
                 > SWITCH_STEP_V;
-            if changed || jumps {
+            if changed || jumps || shift.position != 0.0 {
                 let offset = axis.reference.minus(&target);
                 let speed = law.catch_up_speed();
                 let ramps = law.control.ramp_s > 0.0

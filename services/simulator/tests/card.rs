@@ -52,6 +52,9 @@ impl Bench for LockStepBench {
     fn daq(&mut self) -> &mut dyn Daq {
         &mut self.0
     }
+    fn has_power(&self) -> bool {
+        true
+    }
 }
 
 #[test]

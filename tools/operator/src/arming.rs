@@ -20,8 +20,8 @@ const SETTLED: Duration = Duration::from_millis(20);
 /// left as it is, also one that comes meanwhile: who agreed may not be who pressed it.
 ///
 /// # Errors
-/// [`Error::EmergencyStopped`]; or the last refusal, where a verb is still refused after 15 s or
-/// `stop` is set.
+/// [`Error::EmergencyStopped`]; or the last refusal, or the silence of the watchdog, where that goes
+/// on for 15 s or `stop` is set.
 pub fn reset_and_arm(
     link: &RigLink,
     stop: &AtomicBool,
@@ -46,7 +46,9 @@ pub fn reset_and_arm(
 }
 
 fn once(link: &RigLink, tokens: &mut Subscriber<EnableToken>) -> Result<(), Error> {
-    newest_unless_stopped(tokens)?;
+    // Without a token nothing shows that the rig is not stopped.
+    let silence_ms = SETTLED.as_millis() as u64;
+    newest_unless_stopped(tokens)?.ok_or(Error::NoWatchdog(silence_ms))?;
     let reset = verb(link, Verb::Reset);
     // A rig that somebody has stopped is not armed, not even until this is seen.
     settled(link, tokens)?;
@@ -67,8 +69,9 @@ fn settled(link: &RigLink, tokens: &mut Subscriber<EnableToken>) -> Result<Enabl
     match newest_unless_stopped(tokens) {
         Ok(token) => Ok(token.unwrap_or_default()),
         Err(stopped) => {
-            // It came just before the reset, which took it away.
-            verb(link, Verb::Estop)?;
+            // It came just before the reset, which took it away. The refusal of a second one
+            // does not let the rig be armed.
+            let _refused = verb(link, Verb::Estop);
             Err(stopped)
         }
     }

@@ -25,6 +25,8 @@ enum Act {
     Lapse,
     Restart,
     Owner(u8),
+    /// The axis is homed from now on, or is not.
+    Homed(bool),
     /// Torque of the hand, stiffness, damping.
     Free(f64, f64, f64),
     /// Any mode with any field, and the torque of the hand.
@@ -75,6 +77,7 @@ fn acts() -> impl Strategy<Value = Vec<(Act, u16)>> {
         1 => Just(Act::Lapse),
         1 => Just(Act::Restart),
         1 => any::<u8>().prop_map(Act::Owner),
+        1 => any::<bool>().prop_map(Act::Homed),
         3 => (-8.0..8.0f64, -5.0..10.0f64, -0.5..2.0f64)
             .prop_map(|(torque, k, d)| Act::Free(torque, k, d)),
         8 => (fields(), -8.0..8.0f64)
@@ -96,7 +99,7 @@ fn aim(act: &Act, owner: u8, now: u64, begin: u64) -> Option<Setpoint> {
         Act::Lapse => {
             Setpoint { lease_until_ns: begin, ..setpoint(begin, Mode::Position, sine(begin, 1.0)) }
         }
-        Act::Owner(_) => setpoint(now, Mode::Position, sine(now, 0.5)),
+        Act::Owner(_) | Act::Homed(_) => setpoint(now, Mode::Position, sine(now, 0.5)),
         Act::Free(_, stiffness, damping) => {
             let mut free = setpoint(now, Mode::Impedance, [0.3, 0.0, 0.0, 0.0]);
             (free.stiffness[0], free.damping[0]) = (stiffness, damping);
@@ -135,6 +138,7 @@ fn play(
     let mut law = Law::new(config(axis, 500));
     let mut now = SECOND;
     let mut owner = 0;
+    let mut homed = true;
     let mut written_v = 0.0;
     for (act, cycles) in acts {
         let begin = now;
@@ -142,6 +146,7 @@ fn play(
         match act {
             Act::Restart => law = Law::new(config(axis, 500)),
             Act::Owner(by) => owner = *by,
+            Act::Homed(now) => homed = *now,
             _ => {}
         }
         for cycle in 0..*cycles {
@@ -153,6 +158,7 @@ fn play(
                 setpoint.acceleration[0] *= mirror;
             }
             let mut sample = sample(now, hand * mirror);
+            sample.homed = u8::from(homed);
             if let Act::Free(torque, ..) | Act::Any(_, torque) = act {
                 sample.slave_torque[0] = torque * mirror;
             }
