@@ -20,8 +20,8 @@ const SETTLED: Duration = Duration::from_millis(20);
 /// left as it is, also one that comes meanwhile: who agreed may not be who pressed it.
 ///
 /// # Errors
-/// [`Error::EmergencyStopped`]; or the last refusal, or the silence of the watchdog, where that goes
-/// on for 15 s or `stop` is set.
+/// [`Error::EmergencyStopped`]; or the last refusal, or the silence of the watchdog, where that
+/// goes on for 15 s or `stop` is set.
 pub fn reset_and_arm(
     link: &RigLink,
     stop: &AtomicBool,
