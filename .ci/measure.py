@@ -18,6 +18,7 @@ import json
 import math
 import os
 import pathlib
+import re
 import statistics
 import subprocess
 import sys
@@ -62,11 +63,26 @@ class Rig:
             raise RuntimeError(f"{' '.join(map(str, arguments))}: {done.stderr.strip()}")
         return done.stdout
 
+    def absolute(self, source):
+        """A rig file with encoders that keep their zero, which need no search for the stops."""
+        text = pathlib.Path(source).read_text()
+        text, found = re.subn(r"(?m)^method = \"stops\".*\n(?:\w+ = .*\n)*",
+                              'method = "absolute"\n', text)
+        if found == 0:
+            raise RuntimeError(f"{source}: no axis is homed at its stops")
+        file = self.folder / f"absolute-{pathlib.Path(source).name}"
+        file.write_text(text)
+        return file
+
     @contextlib.contextmanager
-    def up(self, *options):
+    def up(self, *options, homes=True):
         """The rig, up and homed, within a `with`."""
         self.ok("up", "--simulate", *options)
         try:
+            if not homes:
+                self.arm()
+                yield self
+                return
             # A stall of the host may trip it, rightly.
             for _ in range(5):
                 self.arm()
@@ -160,7 +176,11 @@ def tune(rig, options):
           "| control that knows the truth | ratio |")
     print("|---|---|---|---|---|---|")
     for number, effect in enumerate(EFFECTS):
-        with rig.up("--effect", effect):
+        # A line that leaks so much gives no zero: it does not come to rest against a stop.
+        homes = not effect.startswith("leakage")
+        shipped = ROOT / "launch/rigs/hydrostatic.toml"
+        with rig.up("--rig", shipped if homes else rig.absolute(shipped), "--effect", effect,
+                    homes=homes):
             out = rig.folder / f"tuned-{number}"
             told = json.loads(rig.ok("tune", "--yes", "--json", "--out", out))
         found = ", ".join(f"{each['id']}@{each['site']}" for each in told["effects"])
@@ -168,7 +188,10 @@ def tune(rig, options):
         known = rig.folder / f"known-{number}.mcap"
         files = {what: options.folder / f"{effect.split('@')[0]}-{what}.toml"
                  for what in ("knowing", "truth")}
-        with rig.up("--rig", files["knowing"], "--machine", files["truth"], "--record", known):
+        if not homes:
+            files = {what: rig.absolute(file) for what, file in files.items()}
+        with rig.up("--rig", files["knowing"], "--machine", files["truth"], "--record", known,
+                    homes=homes):
             # As `tune` does: what a movement leaves behind acts on the next.
             for protocol in (MOVEMENT, ["tuning-excitation"], MOVEMENT):
                 rig.ok("run", *protocol)
