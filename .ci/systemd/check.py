@@ -242,14 +242,16 @@ print(json.dumps(found))
         return order, well
 
     def recorded_stop(self):
-        """In the recording: the motor has power, loses it, and only then the others end."""
+        """In the recording: the motor has volts, loses them, and only then the others end."""
         command = ["rec", "cat", "--json", f"{DATA}/stop.mcap", "--topic"]
         samples = [json.loads(line)["fields"]
                    for line in self.farreach(*command, "sample").stdout.splitlines()]
         powered = [sample["time_ns"] for sample in samples if sample["motor_power"]]
         driven = [sample["time_ns"] for sample in samples if any(sample["motor_v"])]
-        expect(driven and powered and not samples[-1]["motor_power"],
-               "the motor was off before the end")
+        # All may have ended before the relay opens: the card's timeout is 40 ms.
+        expect(driven and powered and not any(samples[-1]["motor_v"]),
+               f"the motor had 0 V at the end: of {len(samples)} samples {len(powered)} with "
+               f"power, {len(driven)} with volts")
         ends = {}
         for process in ("watchdog", "control", "acquisition", "experiment", "simulator"):
             told = self.farreach(*command, f"event/{process}").stdout
