@@ -25,6 +25,7 @@ import sys
 import tempfile
 import threading
 import time
+import tomllib
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 MOVEMENT = ["guided-1hz", "--set", "segments.0.duration_s=12"]
@@ -79,18 +80,10 @@ class Rig:
         """The rig, up and homed, within a `with`."""
         self.ok("up", "--simulate", *options)
         try:
-            if not homes:
-                self.arm()
-                yield self
-                return
-            # A stall of the host may trip it, rightly.
-            for _ in range(5):
-                self.arm()
-                homed = self.run("run", "home")
-                if homed.returncode == 0:
-                    break
+            if homes:
+                self.home()
             else:
-                raise RuntimeError(f"run home: {homed.stderr.strip()}")
+                self.arm()
             yield self
         finally:
             self.run("down")
@@ -104,6 +97,15 @@ class Rig:
                 return
             time.sleep(0.5)
         raise RuntimeError(self.run("arm").stderr.strip())
+
+    def home(self):
+        """Arms and homes, again where a stall of the host trips it, rightly."""
+        for _ in range(5):
+            self.arm()
+            homed = self.run("run", "home")
+            if homed.returncode == 0:
+                return
+        raise RuntimeError(f"run home: {homed.stderr.strip()}")
 
     def play(self, *protocol):
         """Runs a protocol."""
@@ -156,17 +158,11 @@ class BareLoops:
                 f"{worst_ms:.1f} ms at most")
 
 
-# Those of the example tuning_table.
-EFFECTS = [
-    "backlash@slave=0.05",
-    "coulomb_friction@master=0.4",
-    "viscous_friction@slave=0.12",
-    "gravity_imbalance@slave=1.3",
-    "line_compliance@line=0.9",
-    "leakage@line=4e-12",
-    "torque_ripple@drive=0.25",
-    "extra_inertia@slave=4e-3",
-]
+def hidden_effect(file):
+    """The effect that a rig file of the example tuning_table declares, as `--effect` takes it."""
+    effect, = tomllib.loads(file.read_text())["model"]["effects"]
+    size, = effect["parameters"].values()
+    return f"{effect['id']}@{effect['site']}={size}"
 
 
 def tune(rig, options):
@@ -175,7 +171,8 @@ def tune(rig, options):
     print("| hidden effect | found | before | with the proposal: predicted, measured "
           "| control that knows the truth | ratio |")
     print("|---|---|---|---|---|---|")
-    for number, effect in enumerate(EFFECTS):
+    for number, truth_file in enumerate(sorted(options.folder.glob("*-truth.toml"))):
+        effect = hidden_effect(truth_file)
         # A line that leaks so much gives no zero: it does not come to rest against a stop.
         homes = not effect.startswith("leakage")
         shipped = ROOT / "launch/rigs/hydrostatic.toml"
@@ -186,8 +183,8 @@ def tune(rig, options):
         found = ", ".join(f"{each['id']}@{each['site']}" for each in told["effects"])
         named = "it" if found == effect.split("=")[0] else found
         known = rig.folder / f"known-{number}.mcap"
-        files = {what: options.folder / f"{effect.split('@')[0]}-{what}.toml"
-                 for what in ("knowing", "truth")}
+        knowing = truth_file.with_name(truth_file.name.replace("-truth", "-knowing"))
+        files = {"knowing": knowing, "truth": truth_file}
         if not homes:
             files = {what: rig.absolute(file) for what, file in files.items()}
         with rig.up("--rig", files["knowing"], "--machine", files["truth"], "--record", known,
