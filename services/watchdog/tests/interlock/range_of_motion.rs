@@ -6,6 +6,7 @@ use proptest::prelude::*;
 use rig::RangeOfMotion;
 use watchdog::interlock::{Config, Interlock, TorqueInput};
 
+use crate::plausibility::trips;
 use crate::walk::cases;
 use crate::world::{COUNT, World, config};
 
@@ -60,21 +61,6 @@ fn drive(world: &mut World, mode: Mode, volts: f64) {
     world.command.epoch = world.token.epoch;
     world.command.ramping = 1;
     (world.sample.output_v[0], world.sample.motor_v[0]) = (volts, volts);
-}
-
-/// Runs `change` before each cycle of 1 ms; the cause of the trip, and after how many cycles it
-/// came.
-fn trips(
-    world: &mut World,
-    cycles: usize,
-    mut change: impl FnMut(&mut World, usize),
-) -> Option<(TripCause, usize)> {
-    (1..=cycles).find_map(|cycle| {
-        change(world, cycle);
-        world.cycle();
-        let tripped = world.interlock.state() == WatchdogState::Tripped;
-        tripped.then(|| (world.interlock.cause(), cycle))
-    })
 }
 
 /// Trips that come without any change.
