@@ -180,7 +180,7 @@ def tune(rig, options):
                     homes=homes):
             out = rig.folder / f"tuned-{number}"
             told = json.loads(rig.ok("tune", "--yes", "--json", "--out", out))
-        found = ", ".join(f"{each['id']}@{each['site']}" for each in told["effects"])
+        found = ", ".join(told["effects"]) or told["verdict"]
         named = "it" if found == effect.split("=")[0] else found
         known = rig.folder / f"known-{number}.mcap"
         knowing = truth_file.with_name(truth_file.name.replace("-truth", "-knowing"))
