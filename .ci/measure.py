@@ -100,7 +100,7 @@ class Rig:
 
     def home(self):
         """Arms and homes, again where a stall of the host trips it, rightly."""
-        for _ in range(5):
+        for _ in range(30):
             self.arm()
             homed = self.run("run", "home")
             if homed.returncode == 0:
@@ -189,9 +189,12 @@ def tune(rig, options):
             files = {what: rig.absolute(file) for what, file in files.items()}
         with rig.up("--rig", files["knowing"], "--machine", files["truth"], "--record", known,
                     homes=homes):
-            # As `tune` does: what a movement leaves behind acts on the next.
-            for protocol in (MOVEMENT, ["tuning-excitation"], MOVEMENT):
-                rig.ok("run", *protocol)
+            # As `tune` does: what a movement leaves behind acts on the next. The excitation is
+            # meant for the control before: with that of a soft line it may reach a limit.
+            rig.ok("run", *MOVEMENT)
+            if rig.play("tuning-excitation").returncode != 0:
+                rig.home() if homes else rig.arm()
+            rig.ok("run", *MOVEMENT)
         line = subprocess.run([example, *MOVEMENT[:1], MOVEMENT[2], known], check=True,
                               stdout=subprocess.PIPE, text=True).stdout
         truth = float(line.split("rms ")[1].split("°")[0])
@@ -283,14 +286,20 @@ def protocols(rig, options):
 
 
 def demo(rig, options):
-    """The demo with seeds in a row."""
+    """The demo with seeds in a row: what was hidden, what was named, tracking error."""
+    print("| seed | hidden | found | naming | handle before, after | took |")
+    print("|---|---|---|---|---|---|")
     for seed in range(options.first, options.last + 1):
         began = time.monotonic()
-        done = rig.run("demo", "--seed", seed, "--out", rig.folder / f"demo-{seed}")
+        out = rig.folder / f"demo-{seed}"
+        rig.ok("demo", "--seed", seed, "--out", out)
         took = time.monotonic() - began
-        tail = done.stdout.strip().splitlines()[-6:]
-        print(f"seed {seed}: exit code {done.returncode}, {took:.0f} s", *tail, sep="\n    ",
-              flush=True)
+        told = json.loads((out / "summary.json").read_text())
+        loop = told["closed_loop"]
+        found = ", ".join(loop["effects"]) or loop["verdict"]
+        before, after = (math.degrees(loop[key]["rms"]) for key in ("before", "after"))
+        print(f"| {seed} | `{told['injected']}` | {found} | {loop['naming']} "
+              f"| {before:.2f}°, {after:.2f}° | {took:.0f} s |", flush=True)
 
 
 def main():
