@@ -19,8 +19,9 @@ pub fn ask(monitor: &Monitor, request: &LoggerRequest) -> LoggerAnswer {
     runtime::call(&monitor.node(), &LOGGER_COMMANDS, request, LIMIT).unwrap()
 }
 
-/// Topics in which messages were forged under their sender's name, which repeat its sequence.
-const FORGED: [&str; 4] = ["command", "sample", "setpoint", "token"];
+/// Topics in which messages were forged, which repeat a sequence: that of their sender, or that of
+/// the forgery before, where an injection was repeated.
+const FORGED: [&str; 5] = ["command", "enable_line", "sample", "setpoint", "token"];
 
 /// Ends the recording, verifies and removes every part, and begins the next one; how many parts.
 pub fn verify_all_and_go_on(target: &mut Target) -> usize {
