@@ -111,6 +111,16 @@ class Rig:
         """Runs a protocol."""
         return self.run("run", *protocol)
 
+    def play_through(self, back, *protocol):
+        """Runs a protocol to its end, again after `back` where a stall of the host trips it."""
+        for _ in range(5):
+            done = self.play(*protocol)
+            if done.returncode == 0:
+                return
+            print(f"again: {done.stderr.strip()}", file=sys.stderr)
+            back()
+        raise RuntimeError(f"{' '.join(protocol)}: {done.stderr.strip()}")
+
 
 BARE_LOOP = """
 import json, os, select, sys, time
@@ -191,10 +201,11 @@ def tune(rig, options):
                     homes=homes):
             # As `tune` does: what a movement leaves behind acts on the next. The excitation is
             # meant for the control before: with that of a soft line it may reach a limit.
-            rig.ok("run", *MOVEMENT)
+            back = rig.home if homes else rig.arm
+            rig.play_through(back, *MOVEMENT)
             if rig.play("tuning-excitation").returncode != 0:
-                rig.home() if homes else rig.arm()
-            rig.ok("run", *MOVEMENT)
+                back()
+            rig.play_through(back, *MOVEMENT)
         line = subprocess.run([example, *MOVEMENT[:1], MOVEMENT[2], known], check=True,
                               stdout=subprocess.PIPE, text=True).stdout
         truth = float(line.split("rms ")[1].split("°")[0])
