@@ -38,6 +38,7 @@ class Recording:
         starts = [content for name, content in records if name == START_RECORD]
         self.metadata = dict(starts[0]) if starts else {}
         """What the recording says about itself, as text: rig, profile, revision, and more."""
+        self._began_ns = None
         self.runs = [dict(content) for name, content in records if name == RUN_RECORD]
         """The protocols that were played, in order: name, text, subject."""
 
@@ -83,17 +84,25 @@ class Recording:
 
     @property
     def began_ns(self):
-        """When the recording began, by the wall clock (ns since 1970); `None` where farreach did
-        not write it."""
-        try:
-            return int(self.metadata["started_ns"]) + int(self.metadata["realtime_offset_ns"])
-        except (KeyError, ValueError):
-            return None
+        """When the first message came after the recording was begun, by the wall clock (ns since
+        1970); `None` without messages. The times of `farreach rec` count from it."""
+        if self._began_ns is None:
+            try:
+                record = self.metadata
+                started_ns = int(record["started_ns"]) + int(record["realtime_offset_ns"])
+            except (KeyError, ValueError):
+                started_ns = 0
+            # Events of before, which a topic keeps for those who come late, are in it, too.
+            first = self._open(
+                lambda reader: next(iter(reader.iter_messages(starting_at=started_ns)), None)
+            )
+            self._began_ns = first and first[2].log_time
+        return self._began_ns
 
     def frame(self, topic):
         """All messages of a topic as a pandas DataFrame. Its index is the wall-clock time of
         publishing (UTC); arrays spread over columns `NAME_0`, `NAME_1`, ..., and `seconds` counts
-        from the beginning of the recording (of the topic, where farreach did not write it)."""
+        from `began_ns`."""
         try:
             import pandas
         except ImportError as error:
@@ -101,10 +110,7 @@ class Recording:
                 "frames need pandas: pip install \"farreach[pandas]\""
             ) from error
         array, log_time_ns = self._read(topic)
-        began_ns = self.began_ns
-        if began_ns is None:
-            began_ns = log_time_ns[0] if len(log_time_ns) else 0
-        columns = {"seconds": (log_time_ns - began_ns) * 1e-9}
+        columns = {"seconds": (log_time_ns - (self.began_ns or 0)) * 1e-9}
         for name in array.dtype.names:
             values = array[name]
             if values.ndim == 1:

@@ -15,6 +15,7 @@ import unittest
 from pathlib import Path
 
 import numpy as np
+from mcap.reader import make_reader
 
 import farreach
 
@@ -96,8 +97,10 @@ class RecordingTest(unittest.TestCase):
             with self.assertRaisesRegex(farreach.RecordingError, "farreach rec recover"):
                 farreach.open_recording(path)
             altered = bytearray(whole)
-            # Somewhere within the chunks of messages.
-            altered[len(whole) // 2] ^= 0x10
+            with open(RECORDING, "rb") as file:
+                chunks = make_reader(file).get_summary().chunk_indexes
+            chunk = max(chunks, key=lambda chunk: chunk.chunk_length)
+            altered[chunk.chunk_start_offset + chunk.chunk_length // 2] ^= 0x10
             path.write_bytes(altered)
             recording = farreach.open_recording(path)
             with self.assertRaisesRegex(farreach.RecordingError, "farreach rec recover"):
