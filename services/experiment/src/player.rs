@@ -142,6 +142,7 @@ pub struct Player {
     waiting: bool,
     last_ns: Option<u64>,
     completed: bool,
+    permission_lost: bool,
     segment: u32,
     elapsed_s: f64,
     /// By how much the segments so far were shorter than planned (s): a range search ends early.
@@ -177,6 +178,7 @@ impl Default for Player {
             waiting: false,
             last_ns: None,
             completed: false,
+            permission_lost: false,
             segment: 0,
             elapsed_s: 0.0,
             early_s: 0.0,
@@ -265,9 +267,8 @@ impl Player {
         self.end_ilc();
         self.program = Some(program);
         self.phase = Phase::Entering { segment, change };
-        (self.end, self.waiting, self.early_s) = (None, false, 0.0);
-        self.pending_order = None;
-        self.completed = false;
+        (self.end, self.waiting, self.early_s, self.pending_order) = (None, false, 0.0, None);
+        (self.completed, self.permission_lost) = (false, false);
         self.last_ns = None;
         self.segment = segment as u32;
     }
@@ -307,6 +308,7 @@ impl Player {
             elapsed_s: self.elapsed_s,
             duration_s: self.program.as_ref().map_or(0.0, |program| program.duration_s),
             completed: self.completed,
+            permission_lost: self.permission_lost,
             // What is overdue means nothing once the protocol has ended.
             scan: self.scan.progress(self.last_ns.filter(|_| self.is_running()).unwrap_or(0)),
             ..ExperimentAnswer::default()
@@ -404,6 +406,7 @@ impl Player {
         paused: bool,
     ) -> Option<Change> {
         let running = self.is_running();
+        self.permission_lost |= running && end == End::PermissionLost;
         self.pending_order = None;
         match self.phase {
             Phase::Playing { segment, begun_ns }

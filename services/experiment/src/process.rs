@@ -154,7 +154,6 @@ impl Runner {
             retired: current.iter().map(|current| Arc::clone(&current.program)).collect(),
             current,
             trouble: String::new(),
-            permission_lost: false,
             last_order: 0,
         };
         Ok(Self {

@@ -83,6 +83,9 @@ fn sr_26_a_trip_ends_the_protocol_and_a_later_enable_moves_nothing() {
         assert!(bench.measured[0].abs() > 0.05, "in movement");
         let (setpoint, change) = bench.cycle(lost, bench.now_ns);
         assert_eq!(change, Some(Change::Aborted(0, Reason::PermissionLost)), "{lost:?}");
+        // With the cycle that ends it, since a client may ask at once whether it was only stopped.
+        let status = bench.player.status();
+        assert!(!status.running && status.permission_lost, "{lost:?}: {status:?}");
         assert_eq!(mode(setpoint), Mode::Passive);
         let rest = bench.measured;
         for permission in [Permission::Withdrawn, Permission::Enabled(EPOCH + 1), ENABLED] {
@@ -195,6 +198,7 @@ fn sr_26_after_a_restart_silence_of_client_or_watchdog_ends_it() {
         }
         let (setpoint, change) = bench.cycle(permission, 0);
         assert_eq!(change, Some(Change::Aborted(0, reason)));
+        assert_eq!(bench.player.status().permission_lost, reason == Reason::PermissionLost);
         assert_eq!(mode(setpoint), Mode::Passive);
     }
 }

@@ -10,8 +10,8 @@ use crate::sync::{AtomicU64, Ordering};
 #[derive(Debug, Default)]
 pub(super) struct Progress {
     /// Bits 0 to 31: segment; 32: running; 33: completed; 34: enabled; 35 to 37: homed axes; 38:
-    /// volumes are counted; 39 to 41: axes beyond their range of motion; 42 to 63: newest order
-    /// accepted.
+    /// volumes are counted; 39 to 41: axes beyond their range of motion; 42: power was lost; 43 to
+    /// 63: newest order accepted.
     packed: AtomicU64,
     /// Time played (s), as the bits of an `f64`.
     elapsed_s_bits: AtomicU64,
@@ -32,9 +32,11 @@ const AXES_MASK: u64 = (1 << AXES) - 1;
 const SCAN_SHIFT: u32 = 38;
 const SCAN: u64 = 1 << SCAN_SHIFT;
 const BEYOND_SHIFT: u32 = 39;
-const ORDER_SHIFT: u32 = 42;
+const LOST_SHIFT: u32 = 42;
+const PERMISSION_LOST: u64 = 1 << LOST_SHIFT;
+const ORDER_SHIFT: u32 = 43;
 const _: () = assert!(HOMED_SHIFT as usize + AXES <= SCAN_SHIFT as usize);
-const _: () = assert!(BEYOND_SHIFT as usize + AXES <= ORDER_SHIFT as usize);
+const _: () = assert!(BEYOND_SHIFT as usize + AXES <= LOST_SHIFT as usize);
 
 /// What the newest sample shows of the axes, one bit each.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -51,6 +53,8 @@ pub(super) struct ProgressSnapshot {
     pub(super) order: u32,
     pub(super) running: bool,
     pub(super) completed: bool,
+    /// Whether the protocol ended because the motor lost its power.
+    pub(super) permission_lost: bool,
     /// Whether the motor is enabled.
     pub(super) enabled: bool,
     /// Homed axes, one bit each.
@@ -67,7 +71,7 @@ pub(super) struct ProgressSnapshot {
 }
 
 impl Progress {
-    /// Largest order number that fits (22 bits).
+    /// Largest order number that fits (21 bits).
     pub(super) const ORDER_MAX: u32 = (1 << (64 - ORDER_SHIFT)) - 1;
 
     /// Publishes the progress. The packed word is stored last, with release ordering.
@@ -83,6 +87,7 @@ impl Progress {
         let packed = u64::from(status.segment)
             | flag(status.running, RUNNING)
             | flag(status.completed, COMPLETED)
+            | flag(status.permission_lost, PERMISSION_LOST)
             | flag(enabled, ENABLED)
             | flag(status.scan.is_some(), SCAN)
             | (u64::from(axes.homed) & AXES_MASK) << HOMED_SHIFT
@@ -124,6 +129,7 @@ impl Progress {
             order: (packed >> ORDER_SHIFT) as u32,
             running: packed & RUNNING != 0,
             completed: packed & COMPLETED != 0,
+            permission_lost: packed & PERMISSION_LOST != 0,
             enabled: packed & ENABLED != 0,
             homed: (packed >> HOMED_SHIFT & AXES_MASK) as u8,
             beyond_range: (packed >> BEYOND_SHIFT & AXES_MASK) as u8,
@@ -156,10 +162,10 @@ mod tests {
             surplus: 3,
             overdue: u64::from(u32::MAX),
         };
-        for (order, segment, running, completed, enabled) in [
-            (0, 0, false, false, true),
-            (1, u32::MAX, true, false, false),
-            (Progress::ORDER_MAX, 7, false, true, true),
+        for (order, segment, running, completed, permission_lost, enabled) in [
+            (0, 0, false, false, true, true),
+            (1, u32::MAX, true, false, false, false),
+            (Progress::ORDER_MAX, 7, false, true, false, true),
         ] {
             let scan = running.then_some(scan);
             let status = ExperimentAnswer {
@@ -167,6 +173,7 @@ mod tests {
                 segment,
                 elapsed_s: 1.25,
                 completed,
+                permission_lost,
                 scan,
                 ..ExperimentAnswer::default()
             };
@@ -176,6 +183,7 @@ mod tests {
                 order,
                 running,
                 completed,
+                permission_lost,
                 enabled,
                 homed: 5,
                 beyond_range: 6,

@@ -15,7 +15,7 @@ use runtime::clock::{ClockPair, SECOND_NS, now_ns};
 use runtime::{RigName, ServiceError, Worker};
 
 use crate::interrupted::{Continuation, Interrupted, InterruptedFile};
-use crate::player::{Change, Program, Reason};
+use crate::player::{Change, Program};
 use crate::scan_tracker::ScanState;
 use crate::session_state::SessionStep;
 use crate::state::PlayerState;
@@ -63,8 +63,6 @@ pub(super) struct RequestHandler {
     pub(super) retired: Vec<Arc<Program>>,
     /// Why the protocol ended early, or why its state could not be saved; otherwise empty.
     pub(super) trouble: String,
-    /// Whether the last protocol ended because permission was withdrawn.
-    pub(super) permission_lost: bool,
     pub(super) last_order: u32,
 }
 
@@ -114,7 +112,7 @@ impl RequestHandler {
             elapsed_s: reading.elapsed_s,
             duration_s: program.map_or(0.0, |program| program.duration_s()),
             completed: reading.completed,
-            permission_lost: self.permission_lost,
+            permission_lost: reading.permission_lost,
             scan: reading.scan,
             sessions: self.current.as_ref().and_then(|c| c.progress(reading.completed)),
             interrupted: None,
@@ -155,7 +153,7 @@ impl RequestHandler {
             self.link.publish(event);
         }
         self.current = Some(current);
-        (self.permission_lost, self.trouble) = (false, String::new());
+        self.trouble.clear();
         // Half of the time that the request waits: the loop has the other half to say that it has
         // taken the order, before the client is told that it has not.
         let take_ns = TAKE_LIMIT.as_nanos() as u64 / 2;
@@ -267,12 +265,15 @@ impl RequestHandler {
         let beyond = self.link.progress.read().beyond_range;
         let first = self.rig.axes.iter().enumerate().find(|(at, _)| beyond & 1 << at != 0);
         let Some((at, axis)) = first.filter(|_| !program.searches()) else { return Ok(()) };
+        // Without stops to be found, `home` does nothing for the axis.
+        let or_home = axis.stop_search().map_or_else(String::new, |_| {
+            format!(", or run `farreach run {}`", rig::home_protocol(self.rig.axes.len()))
+        });
         Err(format!(
             "the handle of axis {at} (\"{}\") is beyond its range of motion \
              (axes.{at}.range_of_motion of the rig file): with nobody at the handle bring it back \
-             at the motor, or run `farreach run {}`",
-            axis.name,
-            rig::home_protocol(self.rig.axes.len())
+             at the motor{or_home}",
+            axis.name
         ))
     }
 
@@ -428,7 +429,6 @@ impl RequestHandler {
         if kept {
             keep(&self.writer, &current.program, change, &state);
         }
-        self.permission_lost = matches!(change, Change::Aborted(_, Reason::PermissionLost));
         self.trouble = match save(&self.file, &state) {
             Ok(()) => match change {
                 Change::Aborted(_, reason) => reason.text().to_owned(),
