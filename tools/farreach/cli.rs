@@ -58,7 +58,7 @@ enum Command {
     /// Starts and stops recordings, inspects, verifies, repairs and exports them
     #[command(subcommand)]
     Rec(Rec),
-    /// Observes a running rig without disturbing it
+    /// Observes a running rig without disturbing it, or reads a recording in the same way
     #[command(subcommand)]
     Probe(probe::Command),
     /// Runs a complete session on the built-in simulated rig and reports on it
@@ -98,7 +98,8 @@ impl Command {
         use operator::command::Command as Operator;
         match self {
             Self::Operator(Operator::Up(_) | Operator::Down(_)) => false,
-            Self::Operator(_) | Self::Tune(_) | Self::Probe(_) | Self::Rec(Rec::Live(_)) => true,
+            Self::Probe(command) => command.joins_rig(),
+            Self::Operator(_) | Self::Tune(_) | Self::Rec(Rec::Live(_)) => true,
             _ => false,
         }
     }
@@ -123,7 +124,7 @@ pub(crate) fn run(cli: Cli) -> anyhow::Result<i32> {
         }
         Command::Rec(Rec::Live(command)) => operator::command::record(command, &cli.rig_name),
         Command::Rec(Rec::File(command)) => recorder::run(&command),
-        Command::Probe(command) => probe::run(command, &cli.rig_name),
+        Command::Probe(command) => probe::run(&command, &cli.rig_name),
         Command::Demo(arguments) => demo::run(arguments, &logger::revision()),
         Command::Service(service) => service::run(service, &cli.rig_name),
         Command::Completions { shell } => reference::completions(Cli::command(), shell),

@@ -54,6 +54,16 @@ impl ConsoleAddress {
         format!("http://{}/#token={}", self.host(), self.token)
     }
 
+    /// Address of the operator's page for somebody who only watches: without the token, so that the
+    /// page controls nothing. Its plots show the signals of these names; those that they showed
+    /// last, where none is given.
+    pub fn watching(&self, signals: &[String]) -> String {
+        let shown: Vec<_> =
+            signals.iter().map(|name| format!("signal={}", escaped(name))).collect();
+        let before = if shown.is_empty() { "" } else { "#" };
+        format!("http://{}/{before}{}", self.host(), shown.join("&"))
+    }
+
     /// Address of the subject's page.
     pub fn subject(&self) -> String {
         format!("http://{}/subject", self.host())
@@ -65,5 +75,36 @@ impl ConsoleAddress {
             Ok(at) if at.ip().is_unspecified() => format!("localhost:{}", at.port()),
             _ => self.listen.clone(),
         }
+    }
+}
+
+/// A name as it stands in an address: other characters than letters, digits, `_`, `-` and `.` as
+/// `%` and their bytes.
+fn escaped(name: &str) -> String {
+    let mut text = String::new();
+    for byte in name.bytes() {
+        if byte.is_ascii_alphanumeric() || b"_-.".contains(&byte) {
+            text.push(char::from(byte));
+        } else {
+            text += &format!("%{byte:02X}");
+        }
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn who_only_watches_gets_no_token() {
+        let address = ConsoleAddress { listen: "0.0.0.0:8321".into(), token: "secret".into() };
+        assert_eq!(address.watching(&[]), "http://localhost:8321/");
+        let signals = ["handle_torque".to_owned(), "Arm µ&1".to_owned()];
+        assert_eq!(
+            address.watching(&signals),
+            "http://localhost:8321/#signal=handle_torque&signal=Arm%20%C2%B5%261"
+        );
+        assert!(address.operator().contains("secret"));
     }
 }

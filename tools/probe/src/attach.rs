@@ -1,4 +1,4 @@
-//! Attaches to a running rig.
+//! A running rig as a source of messages.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -9,6 +9,8 @@ use ipc_types::{TOPICS, Topic};
 use runtime::clock::{MILLISECOND_NS, SECOND_NS, now_ns, sleep_until};
 use runtime::{Domain, RawSubscriber, RigName, open_raw, realtime, stop_on};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+
+use crate::stream::{Arrived, Progress, Source, Stamp, Stream};
 
 /// A keeper that is absent for longer was not merely restarted (ns).
 const KEEPER_GONE_NS: u64 = 3 * SECOND_NS;
@@ -39,16 +41,17 @@ pub(crate) fn topics(names: &[String]) -> anyhow::Result<Vec<&'static Topic>> {
 }
 
 /// Subscription to one topic.
-pub(crate) struct Feed {
-    pub(crate) topic: &'static Topic,
-    pub(crate) subscriber: Box<dyn RawSubscriber>,
+struct Feed {
+    /// Most messages that wait for this probe.
+    buffer: usize,
+    subscriber: Box<dyn RawSubscriber>,
 }
 
 /// A rig to whose topics this probe subscribes, until a signal arrives or the rig goes down.
 pub(crate) struct Attached {
-    pub(crate) feeds: Vec<Feed>,
-    /// When the probe attached; older messages are history (ns, CLOCK_MONOTONIC).
-    pub(crate) since_ns: u64,
+    feeds: Vec<Feed>,
+    streams: Vec<Stream>,
+    since_ns: u64,
     stop: Arc<AtomicBool>,
     period_ns: u64,
     next_ns: u64,
@@ -70,12 +73,13 @@ impl Attached {
         let node = domain.node("probe")?;
         let mut feeds = Vec::with_capacity(topics.len());
         for &topic in topics {
-            feeds.push(Feed { topic, subscriber: open_raw(&node, topic)? });
+            feeds.push(Feed { buffer: topic.buffer, subscriber: open_raw(&node, topic)? });
         }
         realtime::tighten_timer_slack();
         let now = now_ns();
         Ok(Self {
             feeds,
+            streams: topics.iter().map(|topic| Stream::of_topic(topic)).collect(),
             since_ns: now,
             stop,
             period_ns,
@@ -87,7 +91,7 @@ impl Attached {
     }
 
     /// Whether a signal requested the end.
-    pub(crate) fn stopping(&self) -> bool {
+    fn stopping(&self) -> bool {
         self.stop.load(Ordering::Relaxed)
     }
 
@@ -95,7 +99,7 @@ impl Attached {
     ///
     /// # Errors
     /// If the rig has gone down: nothing more will be published in its session.
-    pub(crate) fn wait(&mut self, until_ns: u64) -> anyhow::Result<u64> {
+    fn wait(&mut self, until_ns: u64) -> anyhow::Result<u64> {
         self.next_ns = (self.next_ns + self.period_ns).max(now_ns()).min(until_ns);
         sleep_until(self.next_ns);
         let now = now_ns();
@@ -120,22 +124,50 @@ impl Attached {
         anyhow!("rig {} went down; the probe ends with it", self.domain.name())
     }
 
-    /// Hands all waiting messages to `sink`: index of the feed, bytes, time of receiving (ns).
-    pub(crate) fn drain(&mut self, sink: impl FnMut(usize, &[u8], u64)) -> anyhow::Result<()> {
-        // A session that has just ended breaks its ports: that it ended is the news.
-        self.take_all(sink).or_else(|error| self.check_session().and(Err(error)))
-    }
-
-    fn take_all(&mut self, mut sink: impl FnMut(usize, &[u8], u64)) -> anyhow::Result<()> {
-        for (index, feed) in self.feeds.iter_mut().enumerate() {
-            for _ in 0..feed.topic.buffer {
-                let mut take = |bytes: &[u8]| sink(index, bytes, now_ns());
+    fn take_all(&mut self, sink: &mut dyn FnMut(&Arrived<'_>)) -> anyhow::Result<()> {
+        for (index, (feed, stream)) in self.feeds.iter_mut().zip(&mut self.streams).enumerate() {
+            for _ in 0..feed.buffer {
+                let mut take = |bytes: &[u8]| {
+                    let received_ns = now_ns();
+                    let sent = stream.see(bytes, received_ns);
+                    let stamp = Stamp::Received(received_ns);
+                    sink(&Arrived { stream: index, bytes, sent, stamp });
+                };
                 if !feed.subscriber.take(&mut take)? {
                     break;
                 }
             }
         }
         Ok(())
+    }
+}
+
+impl Source for Attached {
+    fn streams(&self) -> &[Stream] {
+        &self.streams
+    }
+
+    fn since_ns(&self) -> u64 {
+        self.since_ns
+    }
+
+    fn read(
+        &mut self,
+        until_ns: u64,
+        sink: &mut dyn FnMut(&Arrived<'_>),
+    ) -> anyhow::Result<Progress> {
+        if self.stopping() {
+            return Ok(Progress::Ended);
+        }
+        let now = self.wait(until_ns)?;
+        // A session that has just ended breaks its ports: that it ended is the news.
+        self.take_all(sink).or_else(|error| self.check_session().and(Err(error)))?;
+        Ok(Progress::UpTo(now))
+    }
+
+    /// What is lost on a running rig is told, and is no failure of the probe.
+    fn exit_code(&self) -> i32 {
+        recorder::DONE
     }
 }
 

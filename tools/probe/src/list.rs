@@ -1,11 +1,16 @@
 //! `list`.
 
 use std::io::Write;
+use std::path::Path;
 
 use ipc_types::{Rate, TOPICS};
+use recording::mcap_read::Recording;
 use serde_json::json;
 
+use crate::args::ListArgs;
 use crate::attach;
+use crate::recorded::Recorded;
+use crate::stream::{Progress, Source, Stream};
 
 fn rate(rate: Rate) -> String {
     match rate {
@@ -15,11 +20,20 @@ fn rate(rate: Rate) -> String {
     }
 }
 
-pub(crate) fn list(topic: Option<&str>, json: bool, out: &mut dyn Write) -> anyhow::Result<()> {
-    match topic {
-        None => topics(json, out),
-        Some(name) => fields(name, json, out),
+pub(crate) fn list(args: &ListArgs, out: &mut dyn Write) -> anyhow::Result<i32> {
+    match (&args.topic, &args.file) {
+        (None, None) => topics(args.json, out)?,
+        (Some(name), None) => fields(&Stream::of_topic(attach::topic(name)?), args.json, out)?,
+        (None, Some(file)) => return recorded_topics(file, args.json, out),
+        (Some(name), Some(file)) => {
+            let recording = Recording::open(file)?;
+            let source = Recorded::new(&recording, std::slice::from_ref(name))?;
+            for stream in source.streams() {
+                fields(stream, args.json, out)?;
+            }
+        }
     }
+    Ok(recorder::DONE)
 }
 
 fn topics(json: bool, out: &mut dyn Write) -> anyhow::Result<()> {
@@ -52,8 +66,50 @@ fn topics(json: bool, out: &mut dyn Write) -> anyhow::Result<()> {
     Ok(())
 }
 
-fn fields(name: &str, json: bool, out: &mut dyn Write) -> anyhow::Result<()> {
-    let topic = attach::topic(name)?;
+/// The topics of a recording, with how many messages of each are in it and how many are missing.
+fn recorded_topics(file: &Path, json: bool, out: &mut dyn Write) -> anyhow::Result<i32> {
+    let recording = Recording::open(file)?;
+    let mut source = Recorded::new(&recording, &[])?;
+    while source.read(u64::MAX, &mut |_| {})? != Progress::Ended {}
+    if json {
+        let rows: Vec<_> = source
+            .streams()
+            .iter()
+            .map(|stream| {
+                json!({
+                    "topic": stream.name,
+                    "owner": stream.owner,
+                    "messages": stream.received(),
+                    "lost": stream.lost(),
+                    "bytes": stream.size,
+                    "type": stream.kind,
+                })
+            })
+            .collect();
+        writeln!(out, "{}", serde_json::Value::from(rows))?;
+        return Ok(source.exit_code());
+    }
+    writeln!(
+        out,
+        "{:<21} {:<12} {:>9} {:>6} {:>6}  type",
+        "topic", "from", "messages", "lost", "bytes"
+    )?;
+    for stream in source.streams() {
+        writeln!(
+            out,
+            "{:<21} {:<12} {:>9} {:>6} {:>6}  {}",
+            stream.name,
+            stream.owner,
+            stream.received(),
+            stream.lost(),
+            stream.size,
+            stream.kind
+        )?;
+    }
+    Ok(source.exit_code())
+}
+
+fn fields(topic: &Stream, json: bool, out: &mut dyn Write) -> anyhow::Result<()> {
     if json {
         let rows: Vec<_> = topic
             .fields
@@ -75,7 +131,8 @@ fn fields(name: &str, json: bool, out: &mut dyn Write) -> anyhow::Result<()> {
             Some(count) => format!("{}[{count}]", field.primitive.ros()),
             None => field.primitive.ros().to_owned(),
         };
-        writeln!(out, "{:<22} {kind:<12} {}", field.name, field.doc.trim())?;
+        let line = format!("{:<22} {kind:<12} {}", field.name, field.doc.trim());
+        writeln!(out, "{}", line.trim_end())?;
     }
     Ok(())
 }
@@ -86,9 +143,10 @@ mod tests {
 
     #[test]
     fn topics_and_fields_are_listed() {
-        let text = |topic, json| {
+        let text = |topic: Option<&str>, json| {
             let mut out = Vec::new();
-            list(topic, json, &mut out).unwrap();
+            let topic = topic.map(str::to_owned);
+            list(&ListArgs { topic, file: None, json }, &mut out).unwrap();
             String::from_utf8(out).unwrap()
         };
         assert_eq!(text(None, false).lines().count(), TOPICS.len() + 1);
@@ -98,6 +156,7 @@ mod tests {
             text(Some("command"), false)
                 .contains("volts                  float64[3]   motor volts (V)")
         );
-        assert!(list(Some("x"), false, &mut Vec::new()).is_err());
+        let unknown = ListArgs { topic: Some("x".to_owned()), file: None, json: false };
+        assert!(list(&unknown, &mut Vec::new()).is_err());
     }
 }

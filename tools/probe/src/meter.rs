@@ -1,10 +1,10 @@
 //! Statistics of one topic.
 
 use hdrhistogram::Histogram;
-use ipc_types::Topic;
+use recording::word;
 use serde::Serialize;
 
-use crate::echo::{time_of, word};
+use crate::stream::{Arrived, Stamp, Stream};
 
 /// Largest value of the histograms (ns).
 const LONGEST_NS: u64 = 60_000_000_000;
@@ -37,13 +37,15 @@ impl Times {
 /// Measures one topic.
 #[derive(Clone, Debug)]
 pub(crate) struct Meter {
-    /// From publishing to receiving.
+    /// From publishing to receiving; a recording does not tell.
     pub(crate) latency: Times,
     /// From the scan that a message answers to its publishing, if it names one.
     pub(crate) answer: Option<Times>,
     answer_offset: usize,
     /// Messages since the last [`Meter::reset`].
     pub(crate) count: u64,
+    /// When the first and the last message came (ns, by the clock of [`Stamp`]).
+    came_ns: Option<(u64, u64)>,
     last: Option<(u64, u64)>,
     intervals: u64,
     mean_ns: f64,
@@ -63,16 +65,14 @@ pub(crate) struct Intervals {
 }
 
 impl Meter {
-    pub(crate) fn new(topic: &Topic) -> anyhow::Result<Self> {
-        let answered = topic
-            .fields
-            .iter()
-            .find(|field| matches!(field.name, "scan_time_ns" | "sample_time_ns"));
+    pub(crate) fn new(stream: &Stream) -> anyhow::Result<Self> {
+        let answered = stream.field("scan_time_ns").or_else(|| stream.field("sample_time_ns"));
         Ok(Self {
             latency: Times::new()?,
             answer: answered.map(|_| Times::new()).transpose()?,
             answer_offset: answered.map_or(0, |field| field.offset),
             count: 0,
+            came_ns: None,
             last: None,
             intervals: 0,
             mean_ns: 0.0,
@@ -82,12 +82,16 @@ impl Meter {
         })
     }
 
-    /// Adds a message that was received at `received_ns`.
-    pub(crate) fn observe(&mut self, bytes: &[u8], received_ns: u64) {
-        let (incarnation, time_ns) = (word(bytes, 8), time_of(bytes));
+    /// Adds a message.
+    pub(crate) fn observe(&mut self, message: &Arrived<'_>) {
+        let (incarnation, time_ns) = (message.sent.incarnation, message.sent.time_ns);
         self.count += 1;
-        self.latency.record(time_ns, received_ns);
-        let answered_ns = word(bytes, self.answer_offset);
+        if let Stamp::Received(received_ns) = message.stamp {
+            self.latency.record(time_ns, received_ns);
+        }
+        let came_ns = message.stamp.ns();
+        self.came_ns = Some((self.came_ns.map_or(came_ns, |(first, _)| first), came_ns));
+        let answered_ns = word(message.bytes, self.answer_offset);
         if let Some(answer) = self.answer.as_mut().filter(|_| answered_ns > 0) {
             answer.record(answered_ns, time_ns);
         }
@@ -104,6 +108,14 @@ impl Meter {
         self.last = Some((incarnation, time_ns));
     }
 
+    /// Messages a second between the first and the last one (Hz); `None` with fewer than two, or no
+    /// time between them.
+    pub(crate) fn rate_hz(&self) -> Option<f64> {
+        let (first_ns, last_ns) = self.came_ns?;
+        let between_ns = last_ns.checked_sub(first_ns).filter(|ns| *ns > 0)?;
+        (self.count > 1).then(|| (self.count - 1) as f64 / (between_ns as f64 * 1e-9))
+    }
+
     /// The intervals; `None` if there is none yet.
     pub(crate) fn intervals(&self) -> Option<Intervals> {
         (self.intervals > 0).then(|| Intervals {
@@ -117,6 +129,7 @@ impl Meter {
     /// Resets the count and the latencies.
     pub(crate) fn reset(&mut self) {
         self.count = 0;
+        self.came_ns = None;
         self.latency.0.reset();
         if let Some(answer) = &mut self.answer {
             answer.0.reset();
@@ -129,6 +142,7 @@ mod tests {
     use ipc_types::{COMMAND, Message, MotorCommand, SETPOINT};
 
     use super::*;
+    use crate::stream::tests::arrived;
 
     fn command(incarnation: u64, sample_time_ns: u64, time_ns: u64) -> MotorCommand {
         let mut command = MotorCommand { sample_time_ns, ..MotorCommand::default() };
@@ -138,15 +152,15 @@ mod tests {
 
     #[test]
     fn times_and_intervals_are_those_of_the_messages() {
-        let mut meter = Meter::new(&COMMAND.topic).unwrap();
+        let mut streams = [Stream::of_topic(&COMMAND.topic)];
+        let mut meter = Meter::new(&streams[0]).unwrap();
         assert_eq!(meter.intervals(), None);
         // intervals of 1, 2 and 3 ms; a restart in between is no interval
         for (incarnation, time_ms) in [(1, 100), (1, 101), (2, 500), (2, 502), (2, 505)] {
             let time_ns = time_ms * 1_000_000;
-            meter.observe(
-                command(incarnation, time_ns - 120_000, time_ns).as_bytes(),
-                time_ns + 50_000,
-            );
+            let message = command(incarnation, time_ns - 120_000, time_ns);
+            let (bytes, received_ns) = (message.as_bytes(), time_ns + 50_000);
+            meter.observe(&arrived(&mut streams, 0, bytes, received_ns));
         }
         let intervals = meter.intervals().unwrap();
         assert!((intervals.mean - 2.0).abs() < 1e-9, "{intervals:?}");
@@ -155,8 +169,9 @@ mod tests {
         assert!((meter.latency.microseconds()[3] - 50.0).abs() < 1.0);
         assert!((meter.answer.as_ref().unwrap().microseconds()[0] - 120.0).abs() < 1.5);
         assert_eq!(meter.count, 5);
+        assert!((meter.rate_hz().unwrap() - 4.0 / 0.405).abs() < 1e-6);
         meter.reset();
-        assert_eq!((meter.count, meter.latency.count()), (0, 0));
-        assert!(Meter::new(&SETPOINT.topic).unwrap().answer.is_none());
+        assert_eq!((meter.count, meter.latency.count(), meter.rate_hz()), (0, 0, None));
+        assert!(Meter::new(&Stream::of_topic(&SETPOINT.topic)).unwrap().answer.is_none());
     }
 }

@@ -10,9 +10,9 @@ use runtime::{Losses, RigName};
 
 use crate::args::TopArgs;
 use crate::attach::{self, Attached};
-use crate::echo::time_of;
 use crate::meter::Meter;
 use crate::model_rows::ModelRows;
+use crate::stream::{Arrived, Progress, Source, Stream};
 
 /// Polling period; part of the latency shown (ns).
 const PERIOD_NS: u64 = MILLISECOND_NS;
@@ -31,25 +31,19 @@ struct State {
 }
 
 impl State {
-    fn new(topics: &[&'static Topic]) -> anyhow::Result<Self> {
+    fn new(streams: &[Stream]) -> anyhow::Result<Self> {
         Ok(Self {
-            meters: topics.iter().map(|topic| Meter::new(topic)).collect::<Result<Vec<_>, _>>()?,
-            counts: vec![VecDeque::new(); topics.len()],
+            meters: streams.iter().map(Meter::new).collect::<Result<Vec<_>, _>>()?,
+            counts: vec![VecDeque::new(); streams.len()],
             timings: Vec::new(),
             model: ModelRows::default(),
         })
     }
 
-    fn observe(
-        &mut self,
-        index: usize,
-        topic: &Topic,
-        bytes: &[u8],
-        received_ns: u64,
-        since_ns: u64,
-    ) {
+    /// Takes a message of a topic; those from before `since_ns` are history.
+    fn observe(&mut self, topic: &Topic, message: &Arrived<'_>, since_ns: u64) {
         if topic.type_name == LoopTiming::TYPE_NAME
-            && let Some(timing) = LoopTiming::from_bytes(bytes)
+            && let Some(timing) = LoopTiming::from_bytes(message.bytes)
         {
             // The last timing of a process is shown even if it is history.
             match self.timings.iter_mut().find(|known| known.source == timing.source) {
@@ -58,9 +52,11 @@ impl State {
             }
             self.timings.sort_by_key(|timing| timing.source);
         }
-        self.model.observe(topic, bytes);
-        if time_of(bytes) >= since_ns {
-            self.meters[index].observe(bytes, received_ns);
+        self.model.observe(topic, message.bytes);
+        if message.sent.time_ns >= since_ns
+            && let Some(meter) = self.meters.get_mut(message.stream)
+        {
+            meter.observe(message);
         }
     }
 
@@ -186,30 +182,30 @@ fn loop_row(timing: &LoopTiming, now_ns: u64) -> String {
     )
 }
 
-pub(crate) fn top(args: &TopArgs, rig_name: &RigName, out: &mut dyn Write) -> anyhow::Result<()> {
+pub(crate) fn top(args: &TopArgs, rig_name: &RigName, out: &mut dyn Write) -> anyhow::Result<i32> {
     let topics: Vec<_> = TOPICS.iter().collect();
     let mut rig = Attached::new(rig_name, &topics, PERIOD_NS)?;
-    let mut state = State::new(&topics)?;
+    let mut state = State::new(rig.streams())?;
     let terminal = std::io::stdout().is_terminal();
     let mut left = args.count.unwrap_or(if terminal { u64::MAX } else { 1 });
     let mut screen = Screen::begin(terminal, out)?;
-    let mut begun_ns = rig.since_ns;
-    while left > 0 && !rig.stopping() {
+    let since_ns = rig.since_ns();
+    let mut begun_ns = since_ns;
+    let mut stopping = false;
+    while left > 0 && !stopping {
         let end_ns = begun_ns + attach::ns(args.seconds);
-        while now_ns() < end_ns && !rig.stopping() {
-            rig.wait(end_ns)?;
-            let since_ns = rig.since_ns;
-            rig.drain(|index, bytes, received_ns| {
-                state.observe(index, topics[index], bytes, received_ns, since_ns);
+        while now_ns() < end_ns && !stopping {
+            let progress = rig.read(end_ns, &mut |message| {
+                state.observe(topics[message.stream], message, since_ns);
             })?;
+            stopping = progress == Progress::Ended;
         }
         let now = now_ns();
         state.count((now - begun_ns) as f64 * 1e-9);
         let feeds: Vec<_> = rig
-            .feeds
+            .streams()
             .iter()
-            .map(|feed| (feed.topic.name, feed.subscriber.counters()))
-            .map(|(name, counters)| (name, counters.received, counters.lost))
+            .map(|stream| (stream.name.as_str(), stream.received(), stream.lost()))
             .collect();
         let width = screen.size().map_or(usize::MAX, |(width, _)| width);
         screen.show(state.render(rig_name.as_str(), now, &feeds, width))?;
@@ -217,7 +213,7 @@ pub(crate) fn top(args: &TopArgs, rig_name: &RigName, out: &mut dyn Write) -> an
         begun_ns = now;
         left -= 1;
     }
-    Ok(())
+    Ok(recorder::DONE)
 }
 
 /// The output: redrawn in place on a terminal, appended in a pipe.
@@ -282,26 +278,23 @@ fn fit(screen: &str, width: usize, height: usize) -> String {
 
 #[cfg(test)]
 mod tests {
-    use ipc_types::{COMMAND, MotorCommand, find_topic};
+    use ipc_types::{COMMAND, MotorCommand};
 
     use super::*;
+    use crate::stream::tests::arrived;
 
     #[test]
     fn rates_losses_and_timing_are_in_the_picture() {
-        let topics: Vec<_> = TOPICS.iter().collect();
-        let mut state = State::new(&topics).unwrap();
+        let mut streams: Vec<_> = TOPICS.iter().map(Stream::of_topic).collect();
+        let mut state = State::new(&streams).unwrap();
         let index_of = |name: &str| TOPICS.iter().position(|topic| topic.name == name).unwrap();
         let command = index_of(COMMAND.topic.name);
         for cycle in 0..500 {
             let mut message = MotorCommand::default();
             message.stamp(1, 2, cycle, 1_000_000 * cycle);
-            state.observe(
-                command,
-                topics[command],
-                message.as_bytes(),
-                1_000_000 * cycle + 40_000,
-                0,
-            );
+            let received_ns = 1_000_000 * cycle + 40_000;
+            let message = arrived(&mut streams, command, message.as_bytes(), received_ns);
+            state.observe(&TOPICS[command], &message, 0);
         }
         let mut timing = LoopTiming {
             period_ns: 2_000_000,
@@ -315,13 +308,8 @@ mod tests {
         };
         timing.stamp(1, 2, 0, 900_000_000);
         let index = index_of("timing/control");
-        state.observe(
-            index,
-            find_topic("timing/control").unwrap(),
-            timing.as_bytes(),
-            900_000_000,
-            0,
-        );
+        let message = arrived(&mut streams, index, timing.as_bytes(), 900_000_000);
+        state.observe(&TOPICS[index], &message, 0);
         state.count(1.0);
         let feeds: Vec<_> = TOPICS
             .iter()

@@ -85,7 +85,7 @@ pub use runs::{PlayedSegment, played_segments};
 pub use samples::{AxisColumns, Samples, rows_of};
 use scanner::Series;
 pub use sessions::{SessionReport, session_reports};
-pub use signals::{Signal, signals};
+pub use signals::{Signal, rig_file, signals};
 
 /// Everything was done.
 pub const DONE: i32 = 0;

@@ -64,7 +64,7 @@ impl Signal {
 ///
 /// # Errors
 /// Where the recording has none, or one that this version does not accept.
-pub(crate) fn rig_file(recording: &Recording) -> anyhow::Result<RigFile> {
+pub fn rig_file(recording: &Recording) -> anyhow::Result<RigFile> {
     let name = recording.path().display();
     let text = recording
         .metadata(key::RIG_FILE)

@@ -11,8 +11,10 @@ let page = { number: 0, token: false, control: false };
 let permitted = [];
 let plan = [];
 
-function takeToken() {
-    const given = new URLSearchParams(location.hash.slice(1)).get("token");
+function takeHash() {
+    const hash = new URLSearchParams(location.hash.slice(1));
+    if (hash.has("signal")) { Plots.show(hash.getAll("signal")); }
+    const given = hash.get("token");
     if (!given) { return; }
     token = given;
     sessionStorage.setItem("farreach.token", token);
@@ -21,8 +23,8 @@ function takeToken() {
     if (page.number > 0) { Link.send({ do: "hello", token }); }
 }
 
-takeToken();
-window.addEventListener("hashchange", takeToken);
+takeHash();
+window.addEventListener("hashchange", takeHash);
 
 function note(text, bad) {
     element("note").textContent = text;

@@ -8,15 +8,18 @@ const Plots = (() => {
     // Redrawn at most so often (ms): drawing must not take the processors from a rig that has no
     // real-time scheduling.
     const PERIOD = 250;
+    const KEPT = "farreach.signals";
     let signals = [];
+    let list = null;
     let picked = new Set();
     let batches = [];
     let drawn = 0;
 
     function begin(all, pick) {
         signals = all;
+        list = pick;
         batches = [];
-        const kept = JSON.parse(localStorage.getItem("farreach.signals") || "null");
+        const kept = JSON.parse(localStorage.getItem(KEPT) || "null");
         const usual = all.filter((signal) => signal.unit !== "V" || signal.name.endsWith("_motor"))
             .slice(0, 4).map((signal) => signal.name);
         picked = new Set((kept || usual).filter((name) => all.some((it) => it.name === name)));
@@ -27,12 +30,18 @@ const Plots = (() => {
             box.checked = picked.has(signal.name);
             box.onchange = () => {
                 if (box.checked) { picked.add(signal.name); } else { picked.delete(signal.name); }
-                localStorage.setItem("farreach.signals", JSON.stringify([...picked]));
+                localStorage.setItem(KEPT, JSON.stringify([...picked]));
                 draw();
             };
             label.append(box, ` ${signal.name}`);
             return label;
         }));
+    }
+
+    // Shows these signals and no others (`farreach probe plot`).
+    function show(names) {
+        localStorage.setItem(KEPT, JSON.stringify(names));
+        if (list) { begin(signals, list); }
     }
 
     function take(batch) {
@@ -87,5 +96,5 @@ const Plots = (() => {
         Plotly.react("plots", traces, layout, { displayModeBar: false, responsive: true });
     }
 
-    return { begin, take };
+    return { begin, show, take };
 })();
