@@ -105,10 +105,26 @@ fn armed(rig: &RigName, pressed: Pressed, talks: bool) -> (Result<(), Error>, Ve
     })
 }
 
+/// The shared memory of a rig, removed in any case.
+struct Founded {
+    name: RigName,
+    keeper: Option<Keeper>,
+}
+
+impl Drop for Founded {
+    fn drop(&mut self) {
+        if let Some(mut keeper) = self.keeper.take() {
+            keeper.clean(Duration::ZERO);
+            let _ended = keeper.end();
+        }
+        let _removed = self.name.remove();
+    }
+}
+
 #[test]
 fn an_emergency_stop_is_not_overridden_by_arming() {
     let name: RigName = format!("arming-{}", std::process::id()).parse().unwrap();
-    let mut keeper = Keeper::start(&name).unwrap();
+    let _founded = Founded { keeper: Some(Keeper::start(&name).unwrap()), name: name.clone() };
 
     let (result, verbs, shown) = armed(&name, Pressed::Never, true);
     result.unwrap();
@@ -134,8 +150,4 @@ fn an_emergency_stop_is_not_overridden_by_arming() {
     let (result, verbs, _) = armed(&name, Pressed::Never, false);
     assert!(matches!(result, Err(Error::NoWatchdog(_))), "{result:?}");
     assert_eq!(verbs, [], "nothing is armed without a token that shows that nobody stopped it");
-
-    keeper.clean(Duration::ZERO);
-    assert!(keeper.end().unwrap());
-    assert!(name.remove().unwrap());
 }
