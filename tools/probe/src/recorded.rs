@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use recorder::{DATA_LOST, DONE};
+use recorder::{DATA_LOST, exit_code_of_tail};
 use recording::mcap_read::{ReadError, Recording, Selection, Sorted};
 
 use crate::stream::{Arrived, Progress, Source, Stamp, Stream};
@@ -111,8 +111,7 @@ impl Source for Recorded<'_> {
     }
 
     fn exit_code(&self) -> i32 {
-        let tail = &self.recording.tail;
-        let whole = tail.complete || tail.being_written;
-        if whole && !self.damaged && self.recording.damage.is_empty() { DONE } else { DATA_LOST }
+        let damaged = self.damaged || !self.recording.damage.is_empty();
+        if damaged { DATA_LOST } else { exit_code_of_tail(self.recording) }
     }
 }

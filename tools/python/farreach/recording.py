@@ -23,7 +23,9 @@ class Recording:
 
     def __init__(self, path):
         self.path = Path(path)
-        summary = self._open(lambda reader: reader.get_summary())
+        summary, records = self._open(lambda reader: (
+            reader.get_summary(), [(each.name, each.metadata) for each in reader.iter_metadata()]
+        ))
         if summary is None or summary.statistics is None:
             raise RecordingError(
                 f"{self.path}: the file has no summary; make a whole one of it: "
@@ -32,9 +34,6 @@ class Recording:
         self._channels = summary.channels
         self._schemas = summary.schemas
         self._counts = summary.statistics.channel_message_counts
-        records = self._open(
-            lambda reader: [(each.name, each.metadata) for each in reader.iter_metadata()]
-        )
         starts = [content for name, content in records if name == START_RECORD]
         self.metadata = dict(starts[0]) if starts else {}
         """What the recording says about itself, as text: rig, profile, revision, and more."""

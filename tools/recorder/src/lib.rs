@@ -140,7 +140,7 @@ pub fn run_to(command: &Command, output: &mut dyn Write) -> anyhow::Result<i32> 
 
 /// Exit code by how the file ends: `DATA_LOST` for a truncated file, `DONE` for a complete one or
 /// one still being written.
-fn exit_code_of_tail(recording: &Recording) -> i32 {
+pub fn exit_code_of_tail(recording: &Recording) -> i32 {
     let tail = &recording.tail;
     if tail.complete || tail.being_written { DONE } else { DATA_LOST }
 }
