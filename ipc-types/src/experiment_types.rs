@@ -5,6 +5,31 @@ use crate::message::messages;
 use crate::{ANALOG, AXES, BARS};
 
 messages! {
+    /// The zero that a search has found for an axis, from the experiment to acquisition; repeated
+    /// until samples show it.
+    HomeOrder v1 {
+        /// homing_sequence of the samples that it was computed from
+        homing_sequence: u64,
+        /// count of the master's encoder at position 0
+        master_zero: i64,
+        /// count of the slave's encoder at position 0; no meaning without a slave encoder
+        slave_zero: i64,
+        /// index of the axis
+        axis: u8,
+        /// none
+        reserved: [u8; 7],
+    }
+
+    /// A session begins: the experiment asks acquisition for a pulse on the rig's digital output.
+    SyncOrder v1 {
+        /// when the session began [ns, CLOCK_MONOTONIC]
+        at_ns: u64,
+        /// number of the session, from 1
+        number: u32,
+        /// index of the protocol's segment
+        segment: u32,
+    }
+
     /// A volume of the scan that a protocol counts; again when a count changes before the next one,
     /// and after a restart of the experiment process from the segment's beginning on.
     Volume v1 {

@@ -25,6 +25,25 @@ codes! {
     }
 }
 
+impl Verb {
+    /// What a token says of the verb that was executed in its cycle ([`crate::EnableToken::verb`]).
+    pub const fn executed_code(executed: Option<Self>) -> u8 {
+        match executed {
+            Some(verb) => verb.code() + 1,
+            None => 0,
+        }
+    }
+
+    /// The verb that a token says was executed; `None` for none, or one that this build does not
+    /// know.
+    pub const fn from_executed_code(code: u8) -> Option<Self> {
+        match code.checked_sub(1) {
+            Some(code) => Self::from_code(code),
+            None => None,
+        }
+    }
+}
+
 /// Answer of the watchdog to a [`Verb`].
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct VerbAnswer {

@@ -7,7 +7,7 @@ use crate::{ANALOG, AXES, MATRIX, TABLES, TEXT};
 
 messages! {
     /// One scan of the card, converted, with what the gate wrote: the rig's main signal.
-    Sample v5 {
+    Sample v6 {
         /// tick of the acquisition grid at which the card took the scan (monotonic ns / period)
         tick: u64,
         /// when the card took the scan [ns, CLOCK_MONOTONIC]
@@ -52,6 +52,10 @@ messages! {
         scans_missed: u64,
         /// cycles of acquisition that were skipped because it woke late
         cycles_missed: u64,
+        /// the time that the gate was given in this cycle [ns, CLOCK_MONOTONIC]
+        gate_ns: u64,
+        /// cycles of the gate since this incarnation began, this one included
+        gate_cycles: u64,
         /// digital inputs, one bit each
         digital_in: u32,
         /// digital outputs when the card took this scan, one bit each
@@ -89,7 +93,7 @@ messages! {
     }
 
     /// Volts for the motors, from control.
-    MotorCommand v3 {
+    MotorCommand v4 {
         /// tick of the sample that it was computed from
         sample_tick: u64,
         /// scan time of that sample [ns, CLOCK_MONOTONIC]
@@ -102,6 +106,10 @@ messages! {
         epoch: u64,
         /// sequence of the setpoint that was followed
         setpoint_sequence: u64,
+        /// sender of the setpoint that control held, followed or not; 0 before the first
+        held_incarnation: u64,
+        /// sequence of the setpoint that control held
+        held_sequence: u64,
         /// motor volts (V)
         volts: [f64; AXES],
         /// the part of them that is feed-forward (V)
@@ -134,7 +142,7 @@ messages! {
     }
 
     /// The watchdog's permission to power the motor, for a few milliseconds.
-    EnableToken v3 {
+    EnableToken v4 {
         /// enable epoch: rises with every enable, also over restarts of the watchdog
         epoch: u64,
         /// incarnation of the watchdog that issued it
@@ -149,6 +157,12 @@ messages! {
         valid_until_ns: u64,
         /// tick of the newest sample that the watchdog saw
         sample_tick: u64,
+        /// sequence of the newest command that the watchdog saw
+        command_sequence: u64,
+        /// samples that the watchdog has received since it started
+        samples_received: u64,
+        /// commands that the watchdog has received since it started
+        commands_received: u64,
         /// active faults, one bit for each TripCause
         faults: u64,
         /// watchdog cycles that were skipped because it woke late
@@ -169,8 +183,8 @@ messages! {
         /// of them those for which it is in force: homed, and not on the way of a search for the
         /// stops, one bit each
         range_supervised: u8,
-        /// none
-        reserved: u8,
+        /// code of the Verb that was executed in this cycle, plus 1; 0 for none
+        verb: u8,
     }
 
     /// The watchdog's digital output: the card drops the motor when it stops toggling.
@@ -292,31 +306,6 @@ messages! {
         axes: u8,
         /// none
         reserved: [u8; 5],
-    }
-
-    /// The zero that a search has found for an axis, from the experiment to acquisition; repeated
-    /// until samples show it.
-    HomeOrder v1 {
-        /// homing_sequence of the samples that it was computed from
-        homing_sequence: u64,
-        /// count of the master's encoder at position 0
-        master_zero: i64,
-        /// count of the slave's encoder at position 0; no meaning without a slave encoder
-        slave_zero: i64,
-        /// index of the axis
-        axis: u8,
-        /// none
-        reserved: [u8; 7],
-    }
-
-    /// A session begins: the experiment asks acquisition for a pulse on the rig's digital output.
-    SyncOrder v1 {
-        /// when the session began [ns, CLOCK_MONOTONIC]
-        at_ns: u64,
-        /// number of the session, from 1
-        number: u32,
-        /// index of the protocol's segment
-        segment: u32,
     }
 
     /// Something happened on the scanner's trigger line, or the key 5 was typed for a pulse.

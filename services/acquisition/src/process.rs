@@ -281,6 +281,8 @@ fn stamp(sample: &mut Sample, output: &GateOutput, flow: Flow) {
     sample.token_sequence = output.token_sequence;
     sample.command_incarnation = output.command_incarnation;
     sample.command_sequence = output.command_sequence;
+    sample.gate_ns = output.now_ns;
+    sample.gate_cycles = output.cycles;
     sample.gate_state = output.state.code();
     sample.gate_cause = output.cause.code();
 }

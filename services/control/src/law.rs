@@ -93,7 +93,7 @@ enum Source {
     Setpoint { incarnation: u64, protocol: u64, owner: u8, mode: u8 },
 }
 
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct Axis {
     velocity: VelocityEstimate,
     reference: Motion,
@@ -125,8 +125,9 @@ struct Axis {
     homed: bool,
 }
 
-/// The control law; the module's documentation describes it.
-#[derive(Clone, Debug)]
+/// The control law; the module's documentation describes it. Two that are equal give the same
+/// output from then on, to the last bit.
+#[derive(Clone, Debug, PartialEq)]
 pub struct Law {
     config: LawConfig,
     axis: [Axis; AXES],

@@ -1,11 +1,12 @@
 //! The process: the loop around the law.
 
 use ipc_types::program_flow::{Checkpoint, Flow};
-use ipc_types::{COMMAND, EventKind, GateState, Process, SAMPLE, SETPOINT, Severity, TOKEN};
+use ipc_types::{COMMAND, EventKind, Process, SAMPLE, SETPOINT, Severity, TOKEN};
 use rig::RigFile;
 use runtime::clock::now_ns;
 use runtime::{Grid, Losses, Service, ServiceError};
 
+use crate::cycle::Seen;
 use crate::law::{Law, LawConfig};
 use crate::setpoint_validation::SetpointValidation;
 
@@ -57,19 +58,15 @@ pub fn run(rig_name: &str, rig: &RigFile) -> Result<(), ServiceError> {
         token = tokens.latest()?.or(token);
         flow.pass(Checkpoint::TokenTaken);
         if let Some(sample) = &sample {
-            // Powered: the gate is open for the epoch of the newest token, and for commands of this
-            // process.
-            let powered = token.is_some_and(|token| {
-                token.enabled == 1
-                    && token.control_incarnation == identity.incarnation
-                    && sample.epoch == token.epoch
-                    && sample.gate_state == GateState::Open.code()
-            });
-            let mut command = law.step(now_ns(), sample, setpoint.as_ref(), powered);
+            let seen = Seen {
+                sample,
+                setpoint: setpoint.as_ref(),
+                token: token.as_ref(),
+                incarnation: identity.incarnation,
+            };
+            let mut command = seen.step(&mut law, now_ns());
             flow.pass(Checkpoint::LawStepped);
-            command.token_sequence = token.map_or(0, |token| token.sequence);
             command.flow = flow.signature(command.token_sequence);
-            command.epoch = token.map_or(0, |token| token.epoch);
             command.cycles_missed = grid.missed();
             command.profile = profile.code();
             commands.send(command)?;

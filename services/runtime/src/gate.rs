@@ -94,6 +94,10 @@ pub struct GateOutput {
     pub command_sequence: u64,
     /// Sender of the newest command.
     pub command_incarnation: u64,
+    /// The time that the step was given (ns).
+    pub now_ns: u64,
+    /// Steps so far, this one included.
+    pub cycles: u64,
 }
 
 /// The epoch that is open, and whose it is.
@@ -123,6 +127,7 @@ pub struct Gate {
     /// First violation since the last step.
     violation: Option<GateCause>,
     last_step_ns: Option<u64>,
+    cycles: u64,
 }
 
 impl Gate {
@@ -148,6 +153,7 @@ impl Gate {
             command_refused: false,
             violation: None,
             last_step_ns: None,
+            cycles: 0,
         }
     }
 
@@ -243,6 +249,7 @@ impl Gate {
             now_ns.checked_sub(last).is_none_or(|gap| gap > self.config.max_cycle_gap_ns)
         });
         self.last_step_ns = Some(now_ns);
+        self.cycles = self.cycles.wrapping_add(1);
 
         let violation = self.violation.take();
         let mut hindrance = GateCause::None;
@@ -291,6 +298,8 @@ impl Gate {
             token_sequence: self.token.map_or(0, |token| token.sequence),
             command_sequence: self.command.as_ref().map_or(0, |command| command.sequence),
             command_incarnation: self.command.as_ref().map_or(0, |command| command.incarnation),
+            now_ns: self.last_step_ns.unwrap_or(0),
+            cycles: self.cycles,
         }
     }
 

@@ -379,6 +379,7 @@ impl Interlock {
             issued_ns: now_ns,
             valid_until_ns: now_ns.saturating_add(life_ns),
             sample_tick: sample.map_or(0, |sample| sample.tick),
+            command_sequence: command.map_or(0, |command| command.sequence),
             faults: self.active.bits(),
             enabled: u8::from(enabled),
             state: self.state.code(),

@@ -5,8 +5,8 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
 use ipc_types::{
-    COMMAND, CardKind, ENABLE_LINE, EnableLine, Event, EventKind, Process, SAMPLE, Severity, TOKEN,
-    Verb, WatchdogState,
+    COMMAND, CardKind, ENABLE_LINE, EnableLine, EnableToken, Event, EventKind, Process, SAMPLE,
+    Severity, TOKEN, Verb, WatchdogState,
 };
 use rig::RigFile;
 use runtime::clock::now_ns;
@@ -56,6 +56,31 @@ fn state_changed(change: &StateChange) -> Event {
     }
 }
 
+/// Executes the verb that has come, if any; the verb, where it was not refused.
+fn execute_verb(shared: &Shared, interlock: &mut Interlock, now_ns: u64) -> Option<Verb> {
+    let order = shared.verbs.take()?;
+    let answer = interlock.command(order.verb, now_ns);
+    shared.verbs.answer(order, answer);
+    answer.is_ok().then_some(order.verb)
+}
+
+/// The token with what the loop adds, from which the interlock's inputs are found again in a
+/// recording: the verb that was executed, and how many samples and commands were received.
+fn completed(
+    token: EnableToken,
+    executed: Option<Verb>,
+    cycles_missed: u64,
+    [samples_received, commands_received]: [u64; 2],
+) -> EnableToken {
+    EnableToken {
+        cycles_missed,
+        verb: Verb::executed_code(executed),
+        samples_received,
+        commands_received,
+        ..token
+    }
+}
+
 /// Runs the watchdog on the rig of that name until a signal ends it. Where the card is a real one,
 /// it switches the enable line by itself. `doctor` is the folder with the doctor's reports, without
 /// which a real card is armed by an override only.
@@ -102,14 +127,12 @@ pub fn run(
             logger_alive: shared.logger.load(Ordering::Relaxed),
         };
         let now = now_ns();
-        if let Some(order) = shared.verbs.take() {
-            shared.verbs.answer(order, interlock.command(order.verb, now));
-        }
+        let executed = execute_verb(&shared, &mut interlock, now);
         let outputs = interlock.step(now, peers);
         shared.state.store(interlock.state().code(), Ordering::Relaxed);
-        let Outputs { mut token, toggle_line, event } = outputs;
-        token.cycles_missed = grid.missed();
-        tokens.send(token)?;
+        let Outputs { token, toggle_line, event } = outputs;
+        let received = [samples.counters().received, commands.counters().received];
+        tokens.send(completed(token, executed, grid.missed(), received))?;
         if toggle_line {
             toggles += 1;
         }
@@ -140,7 +163,9 @@ pub fn run(
     // The motor first: withdraws the permission in good order and stops the line.
     let now = now_ns();
     let _state = interlock.command(Verb::Disarm, now);
-    tokens.send(interlock.step(now, Peers::ALIVE).token)?;
+    let token = interlock.step(now, Peers::ALIVE).token;
+    let received = [samples.counters().received, commands.counters().received];
+    tokens.send(completed(token, Some(Verb::Disarm), grid.missed(), received))?;
     service.end()?;
     // It ends on the same flag; a panic has been printed.
     let panicked = command_thread.join().is_err();

@@ -25,7 +25,7 @@ pub fn friction(velocity: f64, peak_speed: f64, peak_v: f64, floor_v: f64) -> f6
 }
 
 /// A slew-rate limiter.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Slew {
     value: f64,
 }

@@ -16,7 +16,7 @@ pub const TOLERATED_S: f64 = 5e-3;
 const RECENT_S: f64 = 0.5;
 
 /// The factor on the feedback and the latency that it follows from.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Latency {
     recent_s: f64,
     /// Factor on the feedback, 0 to 1.

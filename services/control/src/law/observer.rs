@@ -21,7 +21,7 @@ pub const OBSERVER_SLEW_S: f64 = 0.02;
 /// Time constant with which the estimate decays while the reference rests (s).
 const FADE_S: f64 = 0.3;
 
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Disturbance {
     /// State of the filter (V); `None` before the first step.
     filtered_v: Option<f64>,

@@ -23,7 +23,7 @@ pub(super) fn sanitised(mut options: ControlOptions) -> ControlOptions {
 }
 
 /// Friction beyond the line as it reaches the motor along the reference (V): a Jenkins element.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Windup {
     volts: f64,
     position: Option<f64>,
@@ -43,7 +43,7 @@ impl Windup {
 }
 
 /// The state of the options from step to step.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct OptionState {
     pub(super) windup: Windup,
     pub(super) disturbance: Disturbance,

@@ -45,7 +45,7 @@ const FASTEST: f64 = 3.0;
 /// Time in which the offset fades in (s).
 const ENGAGE_S: f64 = 1.0;
 
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct SlaveOffset {
     /// Offset of the master's reference.
     offset: Motion,

@@ -48,7 +48,7 @@ pub(super) const PEAK_OVER_MEAN: f64 = 1.875;
 
 /// Quintic polynomial from a given motion state at time 0 to rest at position zero at `duration_s`.
 /// From rest it is the minimum-jerk movement.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 struct Quintic {
     duration_s: f64,
     /// Coefficients of the powers 0 to 5 of `t / duration_s` (rad or m).
@@ -95,7 +95,7 @@ impl Quintic {
 /// deceleration would take (its peak deceleration is 1.5 times the mean). `approach` covers the
 /// remaining distance by a minimum-jerk movement. From zero initial acceleration the offset is
 /// never faster than its initial speed plus the peak speed of `approach`.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Transition {
     begin_ns: u64,
     braking: Quintic,

@@ -3,7 +3,7 @@
 /// First-order low pass of the difference quotient, discretised exactly for the actual spacing of
 /// the samples: `v += (1 - exp(-2π f Δt)) (Δx/Δt - v)`. After a skipped cycle Δt is longer, a
 /// repeated sample changes nothing, and 500 Hz and 1 kHz give the same time constant.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct VelocityEstimate {
     cutoff_hz: f64,
     last: Option<(u64, f64)>,
