@@ -22,7 +22,7 @@ const PROTOCOL: &str = include_str!("../../../launch/protocols/guided-1hz.toml")
 /// As other programs write it.
 const ZSTD: &[u8] = include_bytes!("../../../services/recording/tests/fixtures/zstd.mcap");
 /// Ways of [`command`].
-const COMMANDS: usize = 15;
+const COMMANDS: usize = 16;
 /// When the recordings of others begin (ns since 1970).
 const START_NS: u64 = 1_800_000_000_000_000_000;
 
@@ -150,10 +150,11 @@ pub(crate) fn command(bytes: &[u8]) -> Outcome {
             11 => Command::Export { file, options: export(ExportFormat::Csv, None, None) },
             12 => Command::Export { file, options: export(ExportFormat::Mat, None, Some("S1_")) },
             13 => Command::Export { file, options: export(ExportFormat::Bids, None, Some("set")) },
-            _ => {
+            14 => {
                 let page = Some(folder.join("out.html"));
                 Command::Innovations { file, out: csv, page, json }
             }
+            _ => Command::Resim { file, control: Some("hydrostatic".into()), json: false },
         };
         recorder::run_to(&command, &mut std::io::sink()).map(drop).map_err(|e| format!("{e:#}"))
     })
@@ -247,7 +248,8 @@ fn by_the_logger(samples: u64, ended: bool) -> Vec<u8> {
     let memory = Memory::default();
     let start = Start { realtime_offset_ns: START_NS as i64, ..Start::default() }
         .with(key::RIG, "hydrostatic")
-        .with(key::RIG_FILE, RIG);
+        .with(key::RIG_FILE, RIG)
+        .with(key::PROFILE, "best-effort");
     let path = Path::new("seed.mcap");
     let output = Box::new(memory.clone());
     let mut writer = Writer::to_output(output, path, &start, 0).expect("memory");
@@ -269,6 +271,7 @@ fn plain(topics: &[&str], messages: u64, chunk: u64) -> Vec<u8> {
     let entries = [
         (key::RIG, "hydrostatic"),
         (key::RIG_FILE, RIG),
+        (key::PROFILE, "best-effort"),
         (key::REALTIME_OFFSET_NS, "5"),
         (key::STARTED_NS, "500000000"),
     ];
@@ -349,6 +352,7 @@ pub(crate) fn plain_seeds() -> Vec<Vec<u8>> {
         plain(&["sample"], 12, 2000),
         plain(&experiment, 3, 1 << 20),
         plain(&["command", "model_state", "innovation"], 2, 1000),
+        plain(&["sample", "setpoint", "command", "token", "enable_line"], 3, 4000),
         plain(&[], 0, 1000),
         by_others(true),
         by_others(false),

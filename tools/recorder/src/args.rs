@@ -145,6 +145,23 @@ pub enum Command {
         #[arg(long)]
         json: bool,
     },
+    /// Runs the cores of control, gate and watchdog again on the recorded inputs and compares every
+    /// command, token and decision of the gate with the recorded one, bit for bit; says why the
+    /// watchdog tripped, and from what. Exit code 3 where something differs.
+    ///
+    /// Example: farreach rec resim run.mcap
+    Resim {
+        /// The recording.
+        file: PathBuf,
+        /// Also tries the gains of this rig file (a path, or the name of a shipped one) on the
+        /// recorded inputs and tells by how much its volts differ. Open loop: with these gains the
+        /// machine would have moved differently.
+        #[arg(long, value_name = "FILE")]
+        control: Option<PathBuf>,
+        /// As JSON.
+        #[arg(long)]
+        json: bool,
+    },
     /// The sessions of an experiment: when each began and how it ended, mean torque, activity of
     /// the muscles, what it had to match, and how well a guided one followed its reference. Exit
     /// code 3 when a session is not whole, or samples of one are missing.

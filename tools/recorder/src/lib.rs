@@ -66,6 +66,7 @@ mod names;
 mod output;
 mod recorded_events;
 mod replacements;
+mod resimulation;
 mod runs;
 mod samples;
 mod sessions;
@@ -128,6 +129,9 @@ pub fn run_to(command: &Command, output: &mut dyn Write) -> anyhow::Result<i32> 
         Command::Innovations { file, out: table, page, json } => {
             let files = innovations::Files { table: table.as_deref(), page: page.as_deref() };
             innovations::innovations(file, &files, *json, out)
+        }
+        Command::Resim { file, control, json } => {
+            resimulation::resim(file, control.as_deref(), *json, out)
         }
         Command::Sessions { file, out: table, figure, json } => {
             sessions::sessions(file, table.as_deref(), figure.as_deref(), *json, out)

@@ -114,6 +114,15 @@ impl Replacements {
         }
     }
 
+    /// The names of the processes, each with since when and until when (s since the recording
+    /// began).
+    pub(crate) fn spans(&self) -> impl Iterator<Item = (&str, f64, f64)> {
+        self.processes.iter().map(|own| {
+            let from_s = own.from_s.unwrap_or(f64::NEG_INFINITY);
+            (own.process.as_str(), from_s, own.until_s.unwrap_or(f64::INFINITY))
+        })
+    }
+
     /// A line of text each; none where all ran farreach's own programs.
     pub(crate) fn lines(&self) -> Vec<String> {
         let reason = self.not_known.iter().map(|reason| format!("replaced: not known: {reason}"));

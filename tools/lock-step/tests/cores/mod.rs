@@ -7,12 +7,13 @@ use std::sync::Arc;
 
 use acquisition::Converter;
 use acquisition::homing::Homing;
+use control::cycle::Seen;
 use control::law::{Law, LawConfig};
 use control::setpoint_validation::SetpointValidation;
 use experiment::player::{Change, Player, Program};
 use ipc_types::program_flow::{ACQUISITION_CYCLE, CONTROL_CYCLE, signature};
 use ipc_types::{
-    AXES, EnableToken, GateState, HomeOrder, MotorCommand, Profile, Sample, Setpoint, Verb,
+    AXES, EnableLine, EnableToken, HomeOrder, MotorCommand, Profile, Sample, Setpoint, Verb,
     WatchdogState, Zeros,
 };
 use rig::RigFile;
@@ -38,6 +39,16 @@ pub struct Cycle {
     pub setpoint: Option<Setpoint>,
     pub powered: bool,
     pub command: MotorCommand,
+}
+
+/// A message that was published, as a recording has it.
+#[derive(Clone, Debug)]
+pub enum Published {
+    Sample(Box<Sample>),
+    Setpoint(Box<Setpoint>),
+    Command(Box<MotorCommand>),
+    Token(Box<EnableToken>),
+    Line(EnableLine),
 }
 
 /// The processes of one rig, without what is between them.
@@ -73,6 +84,13 @@ pub struct Rig {
     sent: Option<Setpoint>,
     /// Numbers of the next sample, command and setpoint.
     sequences: [u64; 3],
+    /// Samples and commands that the watchdog has received.
+    received: [u64; 2],
+    /// Incarnation of control, which does not run while it is stopped.
+    pub control: u64,
+    pub control_stopped: bool,
+    /// All that was published, in the order of time, where it is wanted.
+    pub published: Option<Vec<Published>>,
     pub cycles: Vec<Cycle>,
 }
 
@@ -119,7 +137,27 @@ impl Rig {
             setpoint: None,
             sent: None,
             sequences: [0; 3],
+            received: [0; 2],
+            control: CONTROL,
+            control_stopped: false,
+            published: None,
             cycles: Vec::new(),
+        }
+    }
+
+    /// Starts control again, as a new process.
+    pub fn restart_control(&mut self, rig: &RigFile) {
+        self.law = Law::new(LawConfig::of_rig(rig));
+        self.validation = SetpointValidation::of_rig(SESSION, rig);
+        self.setpoint = None;
+        self.control += 100;
+        self.sequences[1] = 0;
+        self.control_stopped = false;
+    }
+
+    fn publish(&mut self, message: Published) {
+        if let Some(published) = &mut self.published {
+            published.push(message);
         }
     }
 
@@ -175,49 +213,52 @@ impl Rig {
                 command_sequence: output.command_sequence,
                 gate_state: output.state.code(),
                 gate_cause: output.cause.code(),
+                gate_ns: output.now_ns,
+                gate_cycles: output.cycles,
                 backend: ipc_types::CardKind::Simulated.code(),
                 profile: self.profile.code(),
                 ..self.converter.convert(&scan, self.homing.zeros())
             };
+            self.publish(Published::Sample(Box::new(sample)));
             self.watched_samples.push(sample);
             self.newest_sample = Some(sample);
         }
     }
 
     pub fn control(&mut self, now: u64) {
-        let Some(sample) = self.newest_sample else { return };
+        let Some(sample) = self.newest_sample.filter(|_| !self.control_stopped) else { return };
         self.validation.see(&sample);
         if let Some(next) = self.sent.take()
             && self.validation.validate(now, &next).is_ok()
         {
             self.setpoint = Some(next);
         }
-        let token = self.newest_token;
-        let powered = token.is_some_and(|token| {
-            token.enabled == 1
-                && token.control_incarnation == CONTROL
-                && sample.epoch == token.epoch
-                && sample.gate_state == GateState::Open.code()
-        });
-        let command = self.law.step(now, &sample, self.setpoint.as_ref(), powered);
+        let seen = Seen {
+            sample: &sample,
+            setpoint: self.setpoint.as_ref(),
+            token: self.newest_token.as_ref(),
+            incarnation: self.control,
+        };
+        let command = seen.step(&mut self.law, now);
+        let powered = seen.powered();
         self.cycles.push(Cycle { sample, setpoint: self.setpoint, powered, command });
-        let token_sequence = token.map_or(0, |token| token.sequence);
         let command = MotorCommand {
             session: SESSION,
-            incarnation: CONTROL,
+            incarnation: self.control,
             sequence: self.next(1),
             time_ns: now,
-            token_sequence,
-            flow: signature(CONTROL_CYCLE, token_sequence),
-            epoch: token.map_or(0, |token| token.epoch),
+            flow: signature(CONTROL_CYCLE, command.token_sequence),
             profile: self.profile.code(),
             ..command
         };
+        self.publish(Published::Command(Box::new(command)));
         self.commands.push(command);
         self.watched_commands.push(command);
     }
 
     pub fn watchdog(&mut self, now: u64) {
+        self.received[0] += self.watched_samples.len() as u64;
+        self.received[1] += self.watched_commands.len() as u64;
         for sample in self.watched_samples.drain(..) {
             self.machine.observe_sample(&sample);
         }
@@ -233,16 +274,32 @@ impl Rig {
         };
         let tripped = self.machine.state() == WatchdogState::Tripped;
         assert!(!tripped || self.may_trip, "{:?}", self.machine.cause());
-        if let Some(verb) = verb.filter(|_| !tripped) {
-            let _refused = self.machine.command(verb, now);
-        }
+        // A person who asks again once control is back.
+        let asked = verb.filter(|_| !tripped || self.control != CONTROL);
+        let executed = asked.filter(|verb| self.machine.command(*verb, now).is_ok());
         let outputs = self.machine.step(now, Peers::ALIVE);
         // The machine counts its tokens itself, and the publisher stamps the same number.
-        let token =
-            EnableToken { session: SESSION, incarnation: WATCHDOG, time_ns: now, ..outputs.token };
+        let token = EnableToken {
+            session: SESSION,
+            incarnation: WATCHDOG,
+            time_ns: now,
+            verb: Verb::executed_code(executed),
+            samples_received: self.received[0],
+            commands_received: self.received[1],
+            ..outputs.token
+        };
+        self.publish(Published::Token(Box::new(token)));
         self.tokens.push(token);
         self.newest_token = Some(token);
         self.toggles += u64::from(outputs.toggle_line);
+        self.publish(Published::Line(EnableLine {
+            session: SESSION,
+            incarnation: WATCHDOG,
+            sequence: token.sequence,
+            time_ns: now,
+            epoch: token.epoch,
+            toggles: self.toggles,
+        }));
         self.lines.push((self.toggles, now));
     }
 
@@ -269,13 +326,15 @@ impl Rig {
         self.changes.extend(output.change);
         if let Some(setpoint) = output.setpoint {
             let sequence = self.next(2);
-            self.sent = Some(Setpoint {
+            let setpoint = Setpoint {
                 session: SESSION,
                 incarnation: EXPERIMENT,
                 sequence,
                 time_ns: now,
                 ..setpoint
-            });
+            };
+            self.publish(Published::Setpoint(Box::new(setpoint)));
+            self.sent = Some(setpoint);
         }
     }
 }

@@ -1,0 +1,128 @@
+//! The messages of the cores out of a recording, in the order of publishing.
+
+use std::collections::BTreeMap;
+
+use ipc_types::{
+    COMMAND, ENABLE_LINE, EnableLine, EnableToken, Message, MotorCommand, SAMPLE, SETPOINT, Sample,
+    Setpoint, TOKEN,
+};
+use recording::mcap_read::{Channel, ReadError, Recording, Selection};
+use recording::schema::Conversion;
+use thiserror::Error;
+
+use crate::history::Recorded;
+
+/// Fields without which a core cannot be run again; recordings of older builds lack them.
+const NEEDED: [&str; 3] = ["held_incarnation", "gate_ns", "samples_received"];
+
+/// Why the messages cannot be read.
+#[derive(Debug, Error)]
+#[allow(missing_docs)]
+pub enum Error {
+    #[error(transparent)]
+    Read(#[from] ReadError),
+    /// The messages do not name what they were computed from.
+    #[error(
+        "topic {topic}: expected the field {field}, found none: the recording is of an older \
+         build, whose messages do not say from what they were computed"
+    )]
+    OlderBuild { topic: String, field: &'static str },
+}
+
+/// A topic of the cores.
+#[derive(Clone, Copy, Debug)]
+enum Kind {
+    Sample,
+    Setpoint,
+    Command,
+    Token,
+    Line,
+}
+
+impl Kind {
+    fn of(topic: &str) -> Option<Self> {
+        let kinds = [
+            (SAMPLE.topic, Self::Sample),
+            (SETPOINT.topic, Self::Setpoint),
+            (COMMAND.topic, Self::Command),
+            (TOKEN.topic, Self::Token),
+            (ENABLE_LINE.topic, Self::Line),
+        ];
+        kinds.into_iter().find(|(own, _)| own.name == topic).map(|(_, kind)| kind)
+    }
+}
+
+/// How the messages of a channel are read.
+fn conversion<T: Message>(recording: &Recording, channel: &Channel) -> Result<Conversion, Error> {
+    let layout = channel.layout.as_ref().map_err(|source| ReadError::Schema {
+        path: recording.path().to_owned(),
+        topic: channel.topic.clone(),
+        source: source.clone(),
+    })?;
+    let conversion = layout.conversion::<T>();
+    match conversion.missing.iter().copied().find(|field| NEEDED.contains(field)) {
+        Some(field) => Err(Error::OlderBuild { topic: channel.topic.clone(), field }),
+        None => Ok(conversion),
+    }
+}
+
+/// Hands the messages of the cores to `take`; returns how many damaged chunks were left out.
+///
+/// # Errors
+/// [`Error`].
+pub fn read(recording: &Recording, mut take: impl FnMut(Recorded<'_>)) -> Result<u64, Error> {
+    let mut channels = BTreeMap::new();
+    for (&id, channel) in &recording.channels {
+        let Some(kind) = Kind::of(&channel.topic) else { continue };
+        let conversion = match kind {
+            Kind::Sample => conversion::<Sample>(recording, channel),
+            Kind::Setpoint => conversion::<Setpoint>(recording, channel),
+            Kind::Command => conversion::<MotorCommand>(recording, channel),
+            Kind::Token => conversion::<EnableToken>(recording, channel),
+            Kind::Line => conversion::<EnableLine>(recording, channel),
+        };
+        channels.insert(id, (kind, conversion?));
+    }
+    let wanted = channels.keys().copied().collect();
+    let mut damaged = 0;
+    for raw in recording.sorted(Selection { channels: Some(wanted), ..Selection::default() }) {
+        let raw = match raw {
+            Ok(raw) => raw,
+            Err(ReadError::Damaged { .. }) => {
+                damaged += 1;
+                continue;
+            }
+            Err(error) => return Err(error.into()),
+        };
+        let Some((kind, conversion)) = channels.get(&raw.channel_id()) else { continue };
+        let (_, body) = recording.decode(&raw)?;
+        match kind {
+            Kind::Sample => {
+                if let Some(message) = conversion.apply::<Sample>(body) {
+                    take(Recorded::Sample(&message));
+                }
+            }
+            Kind::Setpoint => {
+                if let Some(message) = conversion.apply::<Setpoint>(body) {
+                    take(Recorded::Setpoint(&message));
+                }
+            }
+            Kind::Command => {
+                if let Some(message) = conversion.apply::<MotorCommand>(body) {
+                    take(Recorded::Command(&message));
+                }
+            }
+            Kind::Token => {
+                if let Some(message) = conversion.apply::<EnableToken>(body) {
+                    take(Recorded::Token(&message));
+                }
+            }
+            Kind::Line => {
+                if let Some(message) = conversion.apply::<EnableLine>(body) {
+                    take(Recorded::Line(&message));
+                }
+            }
+        }
+    }
+    Ok(damaged)
+}
