@@ -5,18 +5,21 @@
 //! - [`mcap_read`]: reads such files, whole or torn, also those of older builds.
 //! - [`mcap_edit`]: recover, cut and merge.
 //! - [`record`]: a measured record, column by column, checked before use.
+//! - [`column`]: columns that may be longer than the memory.
 //! - [`replaced`]: what a recording says of processes in whose place programs of others run.
 //! - [`schema`]: the layout of messages, from the schemas in the recording.
 //!
 //! Nothing here reads a clock: times come in as arguments, in ns.
 #![forbid(unsafe_code)]
 
+pub mod column;
 pub mod mcap_edit;
 pub mod mcap_read;
 pub mod mcap_write;
 mod parts;
 pub mod record;
 mod record_checksum;
+mod related;
 pub mod replaced;
 pub mod schema;
 

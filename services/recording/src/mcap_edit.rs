@@ -8,9 +8,10 @@ use std::path::{Path, PathBuf};
 use mcap::records::{MessageHeader, Metadata};
 use mcap::write::NoSeek;
 
-use crate::mcap_read::{RawMessage, ReadError, Recording, Selection, Sorted};
-use crate::mcap_write::{CONTINUES_RECORD, key, write_options};
+use crate::mcap_read::{RawMessage, ReadError, Recording, Selection, in_order_of_time};
+use crate::mcap_write::{CONTINUES_RECORD, write_options};
 use crate::record_checksum::sealed;
+pub use crate::related::{check_one_session, check_related};
 
 /// Name of the metadata record that says how a file was made.
 pub const EDIT_RECORD: &str = "farreach.edit";
@@ -39,12 +40,15 @@ pub enum EditError {
     },
     /// Recordings that do not belong together.
     #[error(
-        "{first_path} is of {what} {first}, {second_path} of {what} {second}: expected parts of \
-         one recording; --force merges them all the same"
+        "{second_path}: {what} (`{key}` in the metadata): expected {first} as in {first_path}, \
+         found {second}: they are not parts of one recording; merge those of each session on \
+         their own, or all of them with --force"
     )]
     Unrelated {
-        /// What differs: rig, rig name or session.
+        /// What differs: rig, rig name, session, rig file or clock offset.
         what: &'static str,
+        /// Its key in the metadata.
+        key: &'static str,
         /// One file.
         first_path: PathBuf,
         /// Its value.
@@ -53,6 +57,22 @@ pub enum EditError {
         second_path: PathBuf,
         /// Its value.
         second: String,
+    },
+    /// Recordings of the same time.
+    #[error(
+        "{second_path}: it holds messages of {second_s} since 1970, {first_path} of {first_s}: \
+         expected parts that follow each other, found two recordings of the same time; merge \
+         those of each on their own, or all of them with --force"
+    )]
+    Overlapping {
+        /// The one that begins first.
+        first_path: PathBuf,
+        /// From when to when (s since 1970).
+        first_s: String,
+        /// The other one.
+        second_path: PathBuf,
+        /// From when to when (s since 1970).
+        second_s: String,
     },
 }
 
@@ -69,33 +89,6 @@ pub struct EditReport {
     pub tail_bytes_lost: u64,
     /// Attachments of the sources; they are not copied (farreach writes none).
     pub attachments_left_out: u64,
-}
-
-/// Refuses recordings of different rigs or sessions. Files that do not say (those of other
-/// programs) are taken.
-///
-/// # Errors
-/// [`EditError::Unrelated`], naming the first two files that differ.
-pub fn check_related(sources: &[&Recording]) -> Result<(), EditError> {
-    for (what, key) in [("rig", key::RIG), ("rig name", key::RIG_NAME), ("session", key::SESSION)] {
-        let mut known: Option<(&Recording, &str)> = None;
-        for source in sources {
-            let Some(value) = source.metadata(key) else { continue };
-            match known {
-                Some((first, expected)) if expected != value => {
-                    return Err(EditError::Unrelated {
-                        what,
-                        first_path: first.path().to_owned(),
-                        first: expected.to_owned(),
-                        second_path: source.path().to_owned(),
-                        second: value.to_owned(),
-                    });
-                }
-                _ => known = known.or(Some((source, value))),
-            }
-        }
-    }
-    Ok(())
 }
 
 /// Copies what can be read of `sources` into a new file, in the order of log time. `from_ns` and
@@ -216,49 +209,37 @@ impl Copy<'_> {
         channels: &[BTreeMap<u16, u16>],
         writer: &mut Output,
     ) -> Result<(), EditError> {
-        let mut streams: Vec<Sorted<'_>> =
-            self.sources.iter().map(|source| source.sorted(self.selection.clone())).collect();
-        let mut heads = Vec::new();
-        for stream in &mut streams {
-            heads.push(next(stream, &mut self.report)?);
-        }
+        let (failed, several) = (self.failed, self.sources.len() > 1);
+        let report = &mut self.report;
         // Messages written with the present log time: what is published once has one log time, so
         // that a repetition is among them.
         let mut present: Vec<(u16, RawMessage)> = Vec::new();
-        let oldest = |heads: &[Option<RawMessage>]| {
-            let time = |head: &Option<RawMessage>| head.as_ref().map(RawMessage::log_time_ns);
-            (0..heads.len()).filter(|&i| heads[i].is_some()).min_by_key(|&i| time(&heads[i]))
-        };
-        while let Some(source) = oldest(&heads) {
-            let following = next(&mut streams[source], &mut self.report)?;
-            let Some(message) = std::mem::replace(&mut heads[source], following) else { break };
-            let Some(&channel_id) = channels[source].get(&message.channel_id()) else { continue };
-            if self.sources.len() > 1 {
+        in_order_of_time(self.sources, self.selection, |source, message| {
+            let message = match message {
+                Ok(message) => message,
+                Err(ReadError::Damaged { .. }) => {
+                    report.damaged_chunks += 1;
+                    return Ok(());
+                }
+                Err(error) => return Err(error.into()),
+            };
+            let new = channels.get(source).and_then(|map| map.get(&message.channel_id()));
+            let Some(&channel_id) = new else { return Ok(()) };
+            if several {
                 present.retain(|(_, other)| other.log_time_ns() == message.log_time_ns());
                 if present
                     .iter()
                     .any(|(id, other)| *id == channel_id && other.data() == message.data())
                 {
-                    self.report.repeated += 1;
-                    continue;
+                    report.repeated += 1;
+                    return Ok(());
                 }
                 present.push((channel_id, message.clone()));
             }
             let header = MessageHeader { channel_id, ..message.header() };
-            writer.write_to_known_channel(&header, message.data()).map_err(self.failed)?;
-            self.report.messages += 1;
-        }
-        Ok(())
-    }
-}
-
-fn next(stream: &mut Sorted<'_>, report: &mut EditReport) -> Result<Option<RawMessage>, EditError> {
-    loop {
-        match stream.next() {
-            None => return Ok(None),
-            Some(Ok(message)) => return Ok(Some(message)),
-            Some(Err(ReadError::Damaged { .. })) => report.damaged_chunks += 1,
-            Some(Err(error)) => return Err(error.into()),
-        }
+            writer.write_to_known_channel(&header, message.data()).map_err(failed)?;
+            report.messages += 1;
+            Ok(())
+        })
     }
 }

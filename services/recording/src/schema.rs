@@ -18,6 +18,14 @@ pub struct SchemaError(String);
 /// One field of a recorded message; offsets count from behind the CDR header.
 pub type LayoutField = Field<String>;
 
+/// The value of an unsigned scalar field in the body of a message; `None` for other fields.
+pub(crate) fn unsigned(field: &LayoutField, body: &[u8]) -> Option<u64> {
+    match field.read(body, 0)? {
+        Value::Unsigned(value) => Some(value),
+        _ => None,
+    }
+}
+
 /// The layout of one message type.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Layout {
@@ -79,10 +87,7 @@ impl Layout {
 
     /// The value of an unsigned scalar field; `None` where there is no such field.
     pub fn unsigned(&self, name: &str, body: &[u8]) -> Option<u64> {
-        match self.field(name)?.read(body, 0)? {
-            Value::Unsigned(value) => Some(value),
-            _ => None,
-        }
+        unsigned(self.field(name)?, body)
     }
 
     /// The message within a CDR payload.

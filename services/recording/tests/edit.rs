@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 
 use common::{OFFSET, command, sample, samples, start, write_file};
 use ipc_types::{COMMAND, Event, EventKind, Message, Process, SAMPLE, Severity, event_topic};
-use recording::mcap_edit::{EditError, check_related, rewrite};
+use recording::mcap_edit::{EditError, check_one_session, check_related, rewrite};
 use recording::mcap_read::{Recording, Selection};
 use recording::mcap_write::{Position, Start, Writer, key};
 
@@ -152,6 +152,51 @@ fn recordings_of_different_rigs_and_sessions_are_not_related() {
     }
 }
 
+/// What is merged without --force is of one session in all that the files say.
+#[test]
+fn only_what_follows_each_other_in_one_session_becomes_one_recording() {
+    let dir = tempfile::tempdir().unwrap();
+    let of = || start().with(key::SESSION, "1").with(key::RIG_NAME, "left");
+    let open = |name: &str, start: Start, ticks: std::ops::Range<u64>| {
+        let path = dir.path().join(name);
+        part(&path, &start, ticks, &[]);
+        Recording::open(&path).unwrap()
+    };
+    let first = open("first.mcap", of(), 0..10_000);
+    let second = open("second.mcap", of().with(key::PART, "2"), 10_100..12_000);
+    check_one_session(&[&second, &first]).unwrap();
+    // A correction of the clock is none of its being set.
+    let corrected = Start { realtime_offset_ns: OFFSET - 50_000_000, ..of() };
+    check_one_session(&[&first, &open("corrected.mcap", corrected, 10_100..12_000)]).unwrap();
+    // Two cuts of one recording may have messages in common.
+    let cuts = [(None, Some(6000)), (Some(4000), None)].map(|(from, until)| {
+        let at = |tick: u64| sample(tick).time_ns + OFFSET as u64;
+        let path = dir.path().join(format!("cut{from:?}.mcap"));
+        rewrite(&[&first], from.map(at), until.map(at), &BTreeMap::new(), &path).unwrap();
+        Recording::open(&path).unwrap()
+    });
+    check_one_session(&[&cuts[0], &cuts[1]]).unwrap();
+
+    let rig = "[rig]\nname = \"other\"\n";
+    let set = Start { realtime_offset_ns: OFFSET + 3_600_000_000_000, ..of() };
+    let cases = [
+        (
+            open("rig.mcap", of().with(key::RIG_FILE, rig), 10_100..12_000),
+            "line 2 `name = \"other\"`",
+        ),
+        (open("clock.mcap", set, 10_100..12_000), "`realtime_offset_ns` in the metadata"),
+        (open("name.mcap", of().with(key::RIG_NAME, "right"), 10_100..12_000), "found right"),
+        (open("same.mcap", of(), 5_000..12_000), "parts that follow each other"),
+    ];
+    for (other, expected) in cases {
+        let text = check_one_session(&[&first, &other]).unwrap_err().to_string();
+        let name = other.path().file_name().unwrap().to_str().unwrap();
+        for part in [expected, name, "first.mcap", "--force"] {
+            assert!(text.contains(part), "{part}: {text}");
+        }
+    }
+}
+
 /// Two parts that version 0.1.0 wrote, round a logger that was killed.
 #[test]
 fn recordings_of_version_0_1_0_are_read_and_merged() {
@@ -161,7 +206,7 @@ fn recordings_of_version_0_1_0_are_read_and_merged() {
     assert_eq!(first.metadata("subject"), Some("S07"));
     assert!(first.metadata(key::RIG_FILE).unwrap().contains("name = \"hydrostatic\""));
     assert!(!first.tail.complete && second.ended_cleanly());
-    check_related(&[first, second]).unwrap();
+    check_one_session(&[first, second]).unwrap();
     let dir = tempfile::tempdir().unwrap();
     let out = dir.path().join("whole.mcap");
     rewrite(&[first, second], None, None, &BTreeMap::new(), &out).unwrap();

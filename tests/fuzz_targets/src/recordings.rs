@@ -10,7 +10,7 @@ use ipc_types::{CDR_HEADER, Event, Message, SAMPLE, Sample, TOPICS, event_topic}
 use mcap::records::{MessageHeader, Metadata};
 use recorder::{BidsOptions, Command, ExportFormat, ExportOptions, LengthUnit};
 use recording::mcap_edit::rewrite;
-use recording::mcap_read::{Check, ReadError, Recording, Selection};
+use recording::mcap_read::{Check, ReadError, Recording, Selection, in_order_of_time};
 use recording::mcap_write::{Output, Start, Writer, key};
 use recording::record::{ColumnNames, Options, SampleColumns, from_recording, from_topics};
 use recording::schema::Layout;
@@ -34,7 +34,12 @@ pub(crate) fn read(bytes: &[u8]) -> Outcome {
     let check = recording.check().map_err(told)?;
     let _ = (recording.began_monotonic_ns(), recording.end_positions().map_err(told)?);
     let (raw, raw_errors) = count(recording.raw(Selection::default()));
-    let (sorted, sorted_errors) = count(recording.sorted(Selection::default()));
+    let (mut sorted, mut sorted_errors) = (0, 0);
+    in_order_of_time(&[&recording], &Selection::default(), |_, message| {
+        let counted = if message.is_ok() { &mut sorted } else { &mut sorted_errors };
+        *counted += 1;
+        Ok::<(), String>(())
+    })?;
     assert_eq!((raw, raw_errors), (sorted, sorted_errors), "in the file's order, by time");
     let samples = recording.messages::<Sample>(SAMPLE.topic.name).map(count);
     let _events = recording.messages_if_any::<Event>("event.experiment").map(count);

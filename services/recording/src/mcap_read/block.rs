@@ -28,8 +28,9 @@ pub(super) struct Block {
     pub(super) length: u64,
     /// log times within, from the checked summary; `None` where unknown
     pub(super) times: Option<(u64, u64)>,
-    /// channels with messages within, from the checked summary; `None` where unknown
-    pub(super) channels: Option<Vec<u16>>,
+    /// channels with messages within, from the checked summary; `None` where unknown. Most chunks
+    /// have the same, and share them.
+    pub(super) channels: Option<Arc<[u16]>>,
     /// The same from the message indexes after the chunk. They have no checksum: they may say where
     /// definitions are, never which messages need not be read.
     pub(super) hinted: Option<Vec<u16>>,
@@ -42,6 +43,11 @@ impl Block {
     }
     pub(super) fn loose(offset: u64, length: u64) -> Self {
         Self { chunk: false, ..Self::chunk(offset, length) }
+    }
+
+    /// The channels within, as far as anything tells.
+    pub(super) fn channels_or_hint(&self) -> Option<&[u16]> {
+        self.channels.as_deref().or(self.hinted.as_deref())
     }
 }
 
@@ -133,6 +139,7 @@ impl Recording {
         self.file
             .read_exact_at(buffer, block.offset)
             .map_err(|source| ReadError::Io { path: self.path().to_owned(), source })?;
+        self.watch.read(block.length);
         if block.chunk {
             check_chunk(buffer).map_err(damaged)?;
         }
@@ -140,10 +147,18 @@ impl Recording {
     }
 }
 
-/// Checks what the library takes on trust: that a chunk does not claim more memory than its bytes
-/// can fill, and that its last record does not reach beyond it.
+/// Checks what the library takes on trust: that the bytes are one chunk, as the summary says, that
+/// it does not claim more memory than they can fill, and that its last record does not reach beyond
+/// it.
 fn check_chunk(bytes: &[u8]) -> mcap::McapResult<()> {
     let body = bytes.get(RECORD_HEAD as usize..).unwrap_or_default();
+    // A record's head has no checksum, and the library passes over records of unknown kinds.
+    let length = bytes.get(1..).and_then(|head| head.first_chunk()).copied();
+    if bytes.first() != Some(&op::CHUNK)
+        || length.map(u64::from_le_bytes) != Some(body.len() as u64)
+    {
+        return Err(McapError::BadIndex);
+    }
     let Record::Chunk { header, data } = mcap::parse_record(op::CHUNK, body)? else {
         return Ok(());
     };

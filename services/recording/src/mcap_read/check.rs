@@ -4,9 +4,10 @@ use std::collections::BTreeMap;
 
 use ipc_types::{Arrival, SAMPLE, SequenceTracker};
 
-use super::filled_in::FilledInFollower;
-use super::{Damage, FilledIn, ReadError, Recording, Selection};
+use super::filled_in::{FilledInFollower, Taken, TakenFields};
+use super::{Channel, Damage, FilledIn, RawMessage, ReadError, Recording, Selection, threads};
 use crate::mcap_write::END_RECORD;
+use crate::schema::{LayoutField, unsigned};
 
 /// The result for one topic.
 #[derive(Clone, Debug, Default, serde::Serialize)]
@@ -43,9 +44,14 @@ pub struct TopicCheck {
 impl TopicCheck {
     /// Mean rate (Hz); `None` with fewer than two messages or no time between them.
     pub fn rate_hz(&self) -> Option<f64> {
-        let span = self.last_ns.checked_sub(self.first_ns).filter(|&span| span > 0)?;
-        (self.count > 1).then(|| (self.count - 1) as f64 / (span as f64 * 1e-9))
+        rate_hz(self.count, self.first_ns, self.last_ns)
     }
+}
+
+/// See [`TopicCheck::rate_hz`].
+pub(super) fn rate_hz(count: u64, first_ns: u64, last_ns: u64) -> Option<f64> {
+    let span = last_ns.checked_sub(first_ns).filter(|&span| span > 0)?;
+    (count > 1).then(|| (count - 1) as f64 / (span as f64 * 1e-9))
 }
 
 /// Continuity of the acquisition grid in topic `sample`.
@@ -130,13 +136,10 @@ impl Follow {
         }
     }
 
-    fn undecodable(&mut self, error: ReadError) {
+    fn undecodable(&mut self, problem: String) {
         self.check.undecodable += 1;
         if self.check.problem.is_empty() {
-            self.check.problem = match error {
-                ReadError::Schema { source, .. } => source.to_string(),
-                other => other.to_string(),
-            };
+            self.check.problem = problem;
         }
     }
 
@@ -151,66 +154,139 @@ impl Follow {
     }
 }
 
+/// What the check takes from one message.
+struct Seen {
+    channel_id: u16,
+    time_ns: u64,
+    header_sequence: u64,
+    /// What stands in it, or why it cannot be decoded.
+    content: Result<Content, String>,
+}
+
+struct Content {
+    incarnation: u64,
+    sequence: u64,
+    tick: Option<u64>,
+    taken: Option<Taken>,
+}
+
+/// The fields that the check reads, of one channel.
+struct Fields<'a> {
+    incarnation: Option<&'a LayoutField>,
+    sequence: Option<&'a LayoutField>,
+    /// Of samples alone.
+    tick: Option<&'a LayoutField>,
+    taken: Option<TakenFields<'a>>,
+}
+
+impl<'a> Fields<'a> {
+    fn of(channel: &'a Channel) -> Option<Self> {
+        let layout = channel.layout.as_ref().ok()?;
+        let is_sample = channel.topic == SAMPLE.topic.name;
+        Some(Self {
+            incarnation: layout.field("incarnation"),
+            sequence: layout.field("sequence"),
+            tick: layout.field("tick").filter(|_| is_sample),
+            taken: TakenFields::of(&channel.topic, layout),
+        })
+    }
+
+    fn read(&self, header_sequence: u64, body: &[u8]) -> Content {
+        let read = |field: Option<&LayoutField>| unsigned(field?, body);
+        Content {
+            incarnation: read(self.incarnation).unwrap_or(0),
+            sequence: read(self.sequence).unwrap_or(header_sequence),
+            tick: read(self.tick),
+            taken: self.taken.as_ref().and_then(|fields| fields.read(body)),
+        }
+    }
+}
+
+/// What was found so far, message by message in the order of the file.
+struct Progress {
+    followed: Vec<Follow>,
+    /// Place in `followed` by number of the channel.
+    topics: BTreeMap<u16, usize>,
+    damage: Vec<Damage>,
+    began_ns: u64,
+    origin_ns: Option<u64>,
+    ticks: Option<Ticks>,
+    filled_in: FilledInFollower,
+}
+
+impl Progress {
+    fn take(&mut self, seen: Seen) {
+        let Some(follow) =
+            self.topics.get(&seen.channel_id).and_then(|at| self.followed.get_mut(*at))
+        else {
+            let what = format!("a message of the unknown channel {}", seen.channel_id);
+            self.damage.push(Damage { offset: 0, what });
+            return;
+        };
+        let time_ns = seen.time_ns;
+        if time_ns >= self.began_ns {
+            self.origin_ns = Some(self.origin_ns.map_or(time_ns, |origin| origin.min(time_ns)));
+        }
+        match seen.content {
+            Ok(content) => {
+                follow.count(time_ns, content.incarnation, content.sequence);
+                if let Some(taken) = content.taken {
+                    self.filled_in.take(taken);
+                }
+                if let Some(tick) = content.tick {
+                    step(&mut self.ticks, tick);
+                }
+            }
+            Err(problem) => {
+                follow.count(time_ns, 0, seen.header_sequence);
+                follow.undecodable(problem);
+            }
+        }
+    }
+}
+
 impl Recording {
-    /// Reads every message: counts, times, gaps, duplicates, checksums, schemas, ticks.
+    /// Reads every message: counts, times, gaps, duplicates, checksums, schemas, ticks. Chunks are
+    /// read on all processors; the result is that of one.
     ///
     /// # Errors
     /// [`ReadError::Io`] only; damage is part of the result.
     pub fn check(&self) -> Result<Check, ReadError> {
-        let mut damage = self.damage.to_vec();
-        let mut topics = self.followed_topics();
-        let began_ns = self.began_ns().unwrap_or(0);
-        let mut origin_ns: Option<u64> = None;
-        let mut ticks: Option<Ticks> = None;
-        let mut filled_in = FilledInFollower::default();
-        for message in self.raw(Selection::default()) {
-            let message = match message {
-                Ok(message) => message,
-                Err(ReadError::Damaged { offset, source, .. }) => {
-                    damage.push(Damage { offset, what: format!("chunk: {source}") });
-                    continue;
-                }
-                Err(error) => return Err(error),
-            };
-            let Some(channel) = self.channel(&message) else {
-                damage.push(Damage {
-                    offset: 0,
-                    what: format!("a message of the unknown channel {}", message.channel_id()),
-                });
-                continue;
-            };
-            let Some(follow) = topics.get_mut(channel.topic.as_str()) else { continue };
-            let time_ns = message.log_time_ns();
-            if time_ns >= began_ns {
-                origin_ns = Some(origin_ns.map_or(time_ns, |origin| origin.min(time_ns)));
-            }
-            let header_sequence = u64::from(message.sequence());
-            match self.decode(&message) {
-                Ok((layout, body)) => {
-                    let read = |name: &str| layout.unsigned(name, body);
-                    let incarnation = read("incarnation").unwrap_or(0);
-                    let sequence = read("sequence").unwrap_or(header_sequence);
-                    follow.count(time_ns, incarnation, sequence);
-                    filled_in.take(&channel.topic, layout, body);
-                    if channel.topic == SAMPLE.topic.name
-                        && let Some(tick) = read("tick")
-                    {
-                        step(&mut ticks, tick);
-                    }
-                }
-                Err(error) => {
-                    follow.count(time_ns, 0, header_sequence);
-                    follow.undecodable(error);
-                }
-            }
+        self.check_on(threads())
+    }
+
+    /// As [`Self::check`], on so many threads.
+    ///
+    /// # Errors
+    /// [`ReadError::Io`].
+    pub fn check_on(&self, threads: usize) -> Result<Check, ReadError> {
+        let wrong = |source| ReadError::Io { path: self.path().to_owned(), source };
+        let (followed, topics) = self.followed_topics();
+        let mut progress = Progress {
+            followed,
+            topics,
+            damage: self.damage.to_vec(),
+            began_ns: self.began_ns().unwrap_or(0),
+            origin_ns: None,
+            ticks: None,
+            filled_in: FilledInFollower::default(),
+        };
+        let whole = std::thread::scope(|scope| {
+            // Beside the chunks, as it needs no more of them than their bytes.
+            let whole = self.data_end.map(|end| scope.spawn(move || end.verify(&self.file)));
+            self.follow(threads, &mut progress)?;
+            let joined = whole.map(|whole| whole.join());
+            joined
+                .transpose()
+                .unwrap_or_else(|panic| std::panic::resume_unwind(panic))
+                .transpose()
+                .map_err(wrong)
+        })?;
+        let Progress { followed, mut damage, origin_ns, ticks, filled_in, .. } = progress;
+        let topics: Vec<TopicCheck> = followed.into_iter().map(Follow::finish).collect();
+        if damage.is_empty() {
+            damage.extend(whole.flatten().or_else(|| self.miscounted(&topics)));
         }
-        if damage.is_empty()
-            && let Some(end) = &self.data_end
-        {
-            let wrong = |source| ReadError::Io { path: self.path().to_owned(), source };
-            damage.extend(end.verify(&self.file).map_err(wrong)?);
-        }
-        let topics: Vec<TopicCheck> = topics.into_values().map(Follow::finish).collect();
         let first_ns = topics.iter().filter(|t| t.count > 0).map(|t| t.first_ns).min();
         Ok(Check {
             topics,
@@ -220,33 +296,91 @@ impl Recording {
             filled_in: filled_in.found(),
             complete: self.tail.complete,
             being_written: self.tail.being_written,
-            ended_cleanly: self.start_record().is_none() || self.ended_cleanly(),
+            ended_cleanly: self.ended_as_expected(),
             origin_ns: origin_ns.or(first_ns),
         })
     }
 
-    /// The topics, with what the metadata say of their losses. Channels of one topic (in merged
-    /// files) count together.
-    fn followed_topics(&self) -> BTreeMap<&str, Follow> {
+    /// Reads every message on so many threads, and takes what the check needs of it.
+    fn follow(&self, threads: usize, progress: &mut Progress) -> Result<(), ReadError> {
+        let fields: BTreeMap<u16, Fields<'_>> = self
+            .channels
+            .iter()
+            .filter_map(|(id, channel)| Some((*id, Fields::of(channel)?)))
+            .collect();
+        let seen = |message: &RawMessage| {
+            let header_sequence = u64::from(message.sequence());
+            let fields = fields.get(&message.channel_id());
+            let content = match self.decode(message) {
+                Ok((_, body)) => {
+                    let read = fields.map(|fields| fields.read(header_sequence, body));
+                    read.ok_or_else(String::new)
+                }
+                Err(ReadError::Schema { source, .. }) => Err(source.to_string()),
+                Err(other) => Err(other.to_string()),
+            };
+            let (channel_id, time_ns) = (message.channel_id(), message.log_time_ns());
+            Seen { channel_id, time_ns, header_sequence, content }
+        };
+        let work = |messages: Result<Vec<RawMessage>, ReadError>| {
+            messages.map(|messages| messages.iter().map(&seen).collect::<Vec<Seen>>())
+        };
+        self.in_order_on(threads, &Selection::default(), work, |found| {
+            match found {
+                Ok(found) => found.into_iter().for_each(|seen| progress.take(seen)),
+                Err(ReadError::Damaged { offset, source, .. }) => {
+                    progress.damage.push(Damage { offset, what: format!("chunk: {source}") });
+                }
+                Err(error) => return Err(error),
+            }
+            Ok(())
+        })
+    }
+
+    /// Where the summary counts more or fewer messages than there are.
+    fn miscounted(&self, topics: &[TopicCheck]) -> Option<Damage> {
+        let counts = self.counts.as_ref()?;
+        let counted = |topic: &str| {
+            let channels = self.channels.iter().filter(|(_, channel)| channel.topic == topic);
+            channels.filter_map(|(id, _)| counts.get(id)).sum::<u64>()
+        };
+        let wrong = topics.iter().find(|check| check.count != counted(&check.topic))?;
+        let TopicCheck { topic, count, .. } = wrong;
+        let what = format!(
+            "the summary counts {} messages of {topic}, and there are {count}",
+            counted(topic)
+        );
+        Some(Damage { offset: self.data_end.map_or(0, |end| end.offset), what })
+    }
+
+    /// The topics in the order of their names, with what the metadata say of their losses, and the
+    /// place of each channel's. Channels of one topic (in merged files) count together.
+    fn followed_topics(&self) -> (Vec<Follow>, BTreeMap<u16, usize>) {
         let mut topics: BTreeMap<&str, Follow> = BTreeMap::new();
         for channel in self.channels.values() {
             let Follow { check, .. } = topics.entry(&channel.topic).or_default();
             check.topic.clone_from(&channel.topic);
             check.schema_name.clone_from(&channel.schema_name);
-            check.dropped = self
-                .records(END_RECORD)
-                .flat_map(|end| {
-                    ["dropped", "refused"].map(|loss| end.get(&format!("{}.{loss}", channel.topic)))
-                })
-                .filter_map(|count| count?.parse::<u64>().ok())
-                .sum();
+            check.dropped = self.dropped(&channel.topic);
         }
         for (topic, position) in self.continues() {
             if let Some(follow) = topics.get_mut(topic.as_str()) {
                 follow.tracker.resume(position.incarnation, position.next);
             }
         }
-        topics
+        let places: BTreeMap<&str, usize> = topics.keys().copied().zip(0..).collect();
+        let place =
+            |(id, channel): (&u16, &Channel)| Some((*id, *places.get(channel.topic.as_str())?));
+        let of_channels = self.channels.iter().filter_map(place).collect();
+        (topics.into_values().collect(), of_channels)
+    }
+
+    /// Messages of a topic that the logger itself dropped or the disk refused, by the end record.
+    pub fn dropped(&self, topic: &str) -> u64 {
+        let losses = self
+            .records(END_RECORD)
+            .flat_map(|end| ["dropped", "refused"].map(|loss| end.get(&format!("{topic}.{loss}"))));
+        losses.filter_map(|count| count?.parse::<u64>().ok()).sum()
     }
 }
 

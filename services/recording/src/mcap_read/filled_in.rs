@@ -2,7 +2,7 @@
 
 use ipc_types::{CARD_SCAN, CardKind, SAMPLE, is_filled_in};
 
-use crate::schema::Layout;
+use crate::schema::{Layout, LayoutField, unsigned};
 
 /// The scans that the simulated card took too late.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
@@ -48,6 +48,56 @@ impl Stretches {
     }
 }
 
+/// When a message says that it was taken.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Taken {
+    /// A scan of the simulated card.
+    Scan { tick: u64, scan_ns: u64, published_ns: u64 },
+    /// A sample of it, and whether it says that it was filled in; those of older builds do not.
+    Sample { tick: u64, scan_ns: u64, mark: Option<u64> },
+}
+
+/// The fields of a channel by which scans are followed.
+#[derive(Debug)]
+pub(super) struct TakenFields<'a> {
+    is_scan: bool,
+    tick: &'a LayoutField,
+    scan_ns: &'a LayoutField,
+    published_ns: Option<&'a LayoutField>,
+    backend: Option<&'a LayoutField>,
+    mark: Option<&'a LayoutField>,
+}
+
+impl<'a> TakenFields<'a> {
+    /// `None` for topics that are not followed.
+    pub(super) fn of(topic: &str, layout: &'a Layout) -> Option<Self> {
+        let is_scan = topic == CARD_SCAN.topic.name;
+        if !is_scan && topic != SAMPLE.topic.name {
+            return None;
+        }
+        Some(Self {
+            is_scan,
+            tick: layout.field("tick")?,
+            scan_ns: layout.field("scan_time_ns")?,
+            published_ns: layout.field("time_ns"),
+            backend: layout.field("backend"),
+            mark: layout.field("filled_in"),
+        })
+    }
+
+    /// Reads them from a message; `None` where it is not of the simulated card.
+    pub(super) fn read(&self, body: &[u8]) -> Option<Taken> {
+        let read = |field: Option<&LayoutField>| unsigned(field?, body);
+        let (tick, scan_ns) = (unsigned(self.tick, body)?, unsigned(self.scan_ns, body)?);
+        if self.is_scan {
+            let published_ns = read(self.published_ns).unwrap_or(scan_ns);
+            return Some(Taken::Scan { tick, scan_ns, published_ns });
+        }
+        let simulated = read(self.backend) == Some(u64::from(CardKind::Simulated.code()));
+        simulated.then(|| Taken::Sample { tick, scan_ns, mark: read(self.mark) })
+    }
+}
+
 /// Follows the scans and the samples of a recording.
 #[derive(Debug, Default)]
 pub(super) struct FilledInFollower {
@@ -58,21 +108,17 @@ pub(super) struct FilledInFollower {
 }
 
 impl FilledInFollower {
-    /// Takes a message of any topic.
-    pub(super) fn take(&mut self, topic: &str, layout: &Layout, body: &[u8]) {
-        let read = |name: &str| layout.unsigned(name, body);
-        let is_scan = topic == CARD_SCAN.topic.name;
-        if !is_scan && topic != SAMPLE.topic.name {
-            return;
-        }
-        let (Some(tick), Some(scan_ns)) = (read("tick"), read("scan_time_ns")) else { return };
-        if is_scan {
-            let published_ns = read("time_ns").unwrap_or(scan_ns);
-            self.scans.take(tick, scan_ns, |period| is_filled_in(published_ns, scan_ns, period));
-        } else if read("backend") == Some(u64::from(CardKind::Simulated.code())) {
-            let mark = read("filled_in");
-            self.unmarked |= mark.is_none();
-            self.samples.take(tick, scan_ns, |_| mark == Some(1));
+    /// Takes a scan or a sample.
+    pub(super) fn take(&mut self, taken: Taken) {
+        match taken {
+            Taken::Scan { tick, scan_ns, published_ns } => {
+                let late = |period| is_filled_in(published_ns, scan_ns, period);
+                self.scans.take(tick, scan_ns, late);
+            }
+            Taken::Sample { tick, scan_ns, mark } => {
+                self.unmarked |= mark.is_none();
+                self.samples.take(tick, scan_ns, |_| mark == Some(1));
+            }
         }
     }
 

@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use ipc_types::Message;
 
-use super::block::Loaded;
+use super::block::{Block, Loaded};
 use super::{RawMessage, ReadError, Recording};
 use crate::schema::Conversion;
 
@@ -22,7 +22,7 @@ pub struct Selection {
 }
 
 impl Selection {
-    pub(super) fn wants_block(&self, block: &super::block::Block) -> bool {
+    pub(super) fn wants_block(&self, block: &Block) -> bool {
         let channels = match (&self.channels, &block.channels) {
             (Some(wanted), Some(there)) => there.iter().any(|id| wanted.contains(id)),
             _ => true,
@@ -70,6 +70,18 @@ impl Recording {
         }
     }
 
+    /// Reads one block, the messages that `selection` wants; `buffer` is scratch memory.
+    pub(super) fn messages_of(
+        &self,
+        block: &Block,
+        selection: &Selection,
+        buffer: &mut Vec<u8>,
+    ) -> Result<Vec<RawMessage>, ReadError> {
+        let block = Arc::new(self.load(block, buffer)?);
+        let wanted = block.heads.iter().filter(|head| selection.wants(head));
+        Ok(wanted.map(|&head| RawMessage { block: Arc::clone(&block), head }).collect())
+    }
+
     /// The messages of one topic as this build's `T`; fields that the recording lacks are zero.
     ///
     /// # Errors
@@ -77,13 +89,72 @@ impl Recording {
     /// once per damaged chunk.
     pub fn messages<T: Message>(&self, topic: &str) -> Result<Messages<'_, T>, ReadError> {
         let ids = self.channels_of(topic)?;
+        let conversions = self.conversions::<T>(&ids)?;
+        let raw = self.raw(Selection { channels: Some(ids), ..Selection::default() });
+        Ok(Messages { raw, conversions, message: PhantomData })
+    }
+
+    /// How the messages of each channel are read into this build's `T`.
+    pub(super) fn conversions<T: Message>(
+        &self,
+        ids: &[u16],
+    ) -> Result<BTreeMap<u16, Conversion>, ReadError> {
         let mut conversions = BTreeMap::new();
-        for id in &ids {
+        for id in ids {
             let Some(channel) = self.channels.get(id) else { continue };
             conversions.insert(*id, self.layout_of(channel)?.conversion::<T>());
         }
-        let raw = self.raw(Selection { channels: Some(ids), ..Selection::default() });
-        Ok(Messages { raw, conversions, message: PhantomData })
+        Ok(conversions)
+    }
+
+    /// A message as this build's `T`; `None` where its channel has no conversion.
+    pub(super) fn converted<T: Message>(
+        &self,
+        conversions: &BTreeMap<u16, Conversion>,
+        raw: &RawMessage,
+    ) -> Option<Result<Recorded<T>, ReadError>> {
+        let conversion = conversions.get(&raw.channel_id())?;
+        let body = match self.decode(raw) {
+            Ok((_, body)) => body,
+            Err(error) => return Some(Err(error)),
+        };
+        let message = conversion.apply(body)?;
+        Some(Ok(Recorded { log_time_ns: raw.log_time_ns(), message }))
+    }
+
+    /// The messages of one topic with a log time before `until_ns` (ns), the last of the file
+    /// first, as this build's `T`; none where the recording does not have the topic. Whoever wants
+    /// the newest ones reads the last chunks alone.
+    ///
+    /// # Errors
+    /// [`ReadError::Schema`]. The iterator yields [`ReadError::Damaged`] once per damaged chunk.
+    pub fn backward<T: Message>(
+        &self,
+        topic: &str,
+        until_ns: Option<u64>,
+    ) -> Result<impl Iterator<Item = Result<Recorded<T>, ReadError>>, ReadError> {
+        let ids = match self.channels_of(topic) {
+            Ok(ids) => ids,
+            Err(ReadError::NoTopic { .. }) => Vec::new(),
+            Err(error) => return Err(error),
+        };
+        let conversions = self.conversions::<T>(&ids)?;
+        let there = !ids.is_empty();
+        let selection = Selection { channels: Some(ids), from_ns: None, until_ns };
+        let wanted = |block: &&Block| there && selection.wants_block(block);
+        let blocks: Vec<&Block> = self.blocks.iter().filter(wanted).collect();
+        let mut buffer = Vec::new();
+        let messages = blocks.into_iter().rev().flat_map(move |block| {
+            let (messages, error) = match self.messages_of(block, &selection, &mut buffer) {
+                Ok(messages) => (messages, None),
+                Err(error) => (Vec::new(), Some(error)),
+            };
+            messages.into_iter().rev().map(Ok).chain(error.map(Err))
+        });
+        Ok(messages.filter_map(move |raw| match raw {
+            Ok(raw) => self.converted::<T>(&conversions, &raw),
+            Err(error) => Some(Err(error)),
+        }))
     }
 
     /// As [`Recording::messages`]; none where the recording does not have the topic.
@@ -155,13 +226,8 @@ impl<T: Message> Iterator for Messages<'_, T> {
                 Ok(raw) => raw,
                 Err(error) => return Some(Err(error)),
             };
-            let Some(conversion) = self.conversions.get(&raw.channel_id()) else { continue };
-            let body = match self.raw.recording.decode(&raw) {
-                Ok((_, body)) => body,
-                Err(error) => return Some(Err(error)),
-            };
-            if let Some(message) = conversion.apply(body) {
-                return Some(Ok(Recorded { log_time_ns: raw.log_time_ns(), message }));
+            if let Some(message) = self.raw.recording.converted(&self.conversions, &raw) {
+                return Some(message);
             }
         }
     }

@@ -1,7 +1,8 @@
 //! Reads recordings, whole or torn, also those of older builds.
 //!
-//! [`Recording::open`] walks the records of the file without decompressing anything, so that hours
-//! of recording open quickly; the messages are then read chunk by chunk, so that memory does not
+//! [`Recording::open`] finds the chunks by the summary at the end of the file, or walks through the
+//! records where no summary is confirmed by its checksum; it decompresses nothing, so that hours
+//! of recording open quickly. The messages are then read chunk by chunk, so that memory does not
 //! grow with the file. A file whose logger was killed ends within a record: everything up
 //! to the last complete chunk is read, and [`Recording::tail`] says what was lost. A chunk whose
 //! checksum is wrong costs that chunk only; a summary whose checksum is wrong costs no message.
@@ -29,12 +30,15 @@
 
 mod block;
 mod check;
+mod contents;
 mod filled_in;
+mod in_order;
 mod iterate;
 mod scan;
 mod sequence_positions;
 mod sorted;
 mod summary;
+mod watch;
 mod zstd;
 
 use std::collections::BTreeMap;
@@ -43,9 +47,11 @@ use std::path::{Path, PathBuf};
 
 pub use block::RawMessage;
 pub use check::{Check, Ticks, TopicCheck};
+pub use contents::{Contents, TopicContents};
 pub use filled_in::FilledIn;
+pub use in_order::threads;
 pub use iterate::{Messages, RawMessages, Recorded, Selection};
-pub use sorted::Sorted;
+pub use sorted::in_order_of_time;
 
 use crate::mcap_write::{END_RECORD, RUN_RECORD, START_RECORD, key};
 use crate::schema::{Layout, SchemaError};
@@ -195,6 +201,8 @@ pub struct Recording {
     /// The program that wrote it.
     pub library: String,
     blocks: Vec<block::Block>,
+    /// Messages of each channel by the summary; `None` where nothing confirms that they are all.
+    counts: Option<BTreeMap<u16, u64>>,
     /// The channels, by number.
     pub channels: BTreeMap<u16, Channel>,
     /// All metadata records in order: name and content.
@@ -205,6 +213,7 @@ pub struct Recording {
     pub damage: Vec<Damage>,
     damaged_metadata: Option<DamagedMetadata>,
     data_end: Option<summary::DataEnd>,
+    watch: watch::Watch,
     /// How the file ends.
     pub tail: Tail,
 }
@@ -290,6 +299,10 @@ impl Recording {
         };
         let ends = self.records(END_RECORD).filter(clean).count();
         self.tail.complete && ends > 0 && ends >= self.records(START_RECORD).count()
+    }
+    /// [`Self::ended_cleanly`] for recordings of farreach's; `true` for files of other programs.
+    pub fn ended_as_expected(&self) -> bool {
+        self.start_record().is_none() || self.ended_cleanly()
     }
     /// Chunks, and runs of messages outside chunks.
     pub fn blocks(&self) -> usize {

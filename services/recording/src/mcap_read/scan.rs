@@ -2,13 +2,16 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::{File, TryLockError};
-use std::io::{self, BufReader, Read};
+use std::io::{self, BufReader, Read, Seek, SeekFrom};
+use std::iter::Peekable;
 use std::path::Path;
+use std::vec::IntoIter;
 
 use mcap::records::{Metadata, Record, op};
 
 use super::block::{Block, Definition, RECORD_HEAD};
-use super::summary::{self, DataEnd, FOOTER_BODY, Summary};
+use super::summary::{self, DataEnd, FOOTER_BODY, Placed, Summary, Whole};
+use super::watch::Watch;
 use super::{Channel, Damage, DamagedMetadata, ReadError, Recording, Tail};
 use crate::mcap_write::DAMAGED_RECORD;
 use crate::record_checksum;
@@ -25,6 +28,13 @@ struct Found {
     summary: Summary,
 }
 
+/// What the end of a file tells of it before its records are read.
+struct Known {
+    chunks: Peekable<IntoIter<Placed>>,
+    /// Where the summary begins.
+    summary: u64,
+}
+
 pub(super) fn open(path: &Path) -> Result<Recording, ReadError> {
     let wrong = |source| ReadError::Io { path: path.to_owned(), source };
     let file = File::open(path).map_err(wrong)?;
@@ -39,36 +49,28 @@ pub(super) fn open(path: &Path) -> Result<Recording, ReadError> {
     if bytes == 0 {
         return Err(ReadError::Empty { path: path.to_owned() });
     }
-    let mut reader = BufReader::with_capacity(16 * 1024, file.try_clone().map_err(wrong)?);
     let mut magic = Vec::new();
-    (&mut reader).take(mcap::MAGIC.len() as u64).read_to_end(&mut magic).map_err(wrong)?;
+    (&file).take(mcap::MAGIC.len() as u64).read_to_end(&mut magic).map_err(wrong)?;
     if magic != mcap::MAGIC {
         let found = magic.iter().map(|byte| format!("{byte:02x}")).collect::<Vec<_>>().join(" ");
         return Err(ReadError::NotMcap { path: path.to_owned(), found });
     }
-    let recording = Recording {
-        path: path.to_owned(),
-        file,
-        bytes,
-        library: String::new(),
-        blocks: Vec::new(),
-        channels: BTreeMap::new(),
-        metadata_records: Vec::new(),
-        attachments: 0,
-        damage: Vec::new(),
-        damaged_metadata: None,
-        data_end: None,
-        tail: Tail::default(),
+    let (found, tail) = match by_summary(path, &file, bytes).map_err(wrong)? {
+        Some(found) => found,
+        None => {
+            let mut found = Found::new(path, &file, bytes).map_err(wrong)?;
+            let tail = walk(&mut Source::new(&file).map_err(wrong)?, bytes, &mut found, None);
+            (found, tail.map_err(wrong)?)
+        }
     };
-    let mut found = Found { recording, summary: Summary::default() };
-    let mut tail = walk(&mut reader, bytes, &mut found).map_err(wrong)?;
     let Found { mut recording, mut summary } = found;
-    if !tail.complete {
+    recording.tail = tail;
+    if !recording.tail.complete {
         // The writer holds a lock while it is alive (unless the file system has none).
         let lock = recording.file.try_lock_shared();
-        tail.being_written = matches!(lock, Err(TryLockError::WouldBlock));
-        if tail.being_written {
-            "the recording is still being written".clone_into(&mut tail.reason);
+        recording.tail.being_written = matches!(lock, Err(TryLockError::WouldBlock));
+        if recording.tail.being_written {
+            "the recording is still being written".clone_into(&mut recording.tail.reason);
         }
         // Without a footer nothing confirms what was read of the summary.
         summary = Summary::default();
@@ -78,17 +80,83 @@ pub(super) fn open(path: &Path) -> Result<Recording, ReadError> {
         }
     }
     recording.damage.extend(summary.place(&mut recording.blocks));
-    recording.tail = tail;
     define(&mut recording, summary.definitions)?;
     Ok(recording)
 }
 
-/// Reads the records from after the magic to the end of the file, or to the first invalid one.
-fn walk(reader: &mut BufReader<File>, bytes: u64, found: &mut Found) -> io::Result<Tail> {
+/// Takes the places of the chunks from the summary of a whole file, and reads the records between
+/// them. `None` where there is no such summary, or what lies between is not what it should be.
+fn by_summary(path: &Path, file: &File, bytes: u64) -> io::Result<Option<(Found, Tail)>> {
+    let Some(Whole { mut summary, begins }) = summary::at_the_end(file, bytes)? else {
+        return Ok(None);
+    };
+    let mut found = Found::new(path, file, bytes)?;
+    let chunks = std::mem::take(&mut summary.chunks);
+    let count = chunks.len();
+    let known = Known { chunks: chunks.into_iter().peekable(), summary: begins };
+    let tail = walk(&mut Source::new(file)?, bytes, &mut found, Some(known))?;
+    if !tail.complete {
+        return Ok(None);
+    }
+    // Messages that the summary does not know of are not in its counts.
+    if found.recording.blocks.len() == count {
+        found.recording.counts = summary.counts.take();
+    }
+    found.summary = summary;
+    Ok(Some((found, tail)))
+}
+
+/// Reads a file from its front to its back, and passes over much of it.
+struct Source {
+    reader: BufReader<File>,
+    /// Bytes that are passed over before the next are read.
+    behind: u64,
+}
+
+impl Source {
+    fn new(file: &File) -> io::Result<Self> {
+        let mut reader = BufReader::with_capacity(16 * 1024, file.try_clone()?);
+        reader.seek(SeekFrom::Start(mcap::MAGIC.len() as u64))?;
+        Ok(Self { reader, behind: 0 })
+    }
+
+    fn skip(&mut self, length: u64) {
+        self.behind = self.behind.saturating_add(length);
+    }
+
+    fn read_exact(&mut self, bytes: &mut [u8]) -> io::Result<()> {
+        let behind = i64::try_from(std::mem::take(&mut self.behind));
+        self.reader.seek_relative(behind.map_err(|_| io::ErrorKind::InvalidData)?)?;
+        self.reader.read_exact(bytes)
+    }
+}
+
+/// Reads the records from after the magic to the end of the file, or to the first invalid one. With
+/// what is `known`, up to the summary; the tail is complete where every record lies between known
+/// chunks.
+fn walk(
+    reader: &mut Source,
+    bytes: u64,
+    found: &mut Found,
+    mut known: Option<Known>,
+) -> io::Result<Tail> {
     let mut at = mcap::MAGIC.len() as u64;
     let mut data_ended = false;
     loop {
-        let (opcode, length) = match record_head(reader, bytes - at)? {
+        let mut end = bytes;
+        if let Some(Known { chunks, summary }) = &mut known {
+            if let Some(placed) = chunks.next_if(|placed| placed.block.offset == at) {
+                reader.skip(placed.end - at);
+                at = placed.end;
+                found.recording.blocks.push(placed.block);
+                continue;
+            }
+            if at == *summary && data_ended {
+                return Ok(Tail { complete: true, readable: bytes, ..Tail::default() });
+            }
+            end = chunks.peek().map_or(*summary, |placed| placed.block.offset);
+        }
+        let (opcode, length) = match record_head(reader, end - at)? {
             Ok(head) => head,
             Err(reason) => return Ok(torn(at, bytes, reason)),
         };
@@ -96,13 +164,13 @@ fn walk(reader: &mut BufReader<File>, bytes: u64, found: &mut Found) -> io::Resu
         match opcode {
             op::CHUNK => {
                 found.recording.blocks.push(Block::chunk(at, RECORD_HEAD + length));
-                skip(reader, length)?;
+                reader.skip(length);
             }
             op::MESSAGE_INDEX => {
                 let mut id = [0u8; 2];
                 let used = length.min(2) as usize;
                 reader.read_exact(&mut id[..used])?;
-                skip(reader, length - used as u64)?;
+                reader.skip(length - used as u64);
                 if let Some(block) = found.recording.blocks.last_mut().filter(|block| block.chunk) {
                     block.hinted.get_or_insert_default().push(u16::from_le_bytes(id));
                 }
@@ -114,7 +182,7 @@ fn walk(reader: &mut BufReader<File>, bytes: u64, found: &mut Found) -> io::Resu
                     }
                     _ => found.recording.blocks.push(Block::loose(at, next - at)),
                 }
-                skip(reader, length)?;
+                reader.skip(length);
             }
             op::HEADER
             | op::METADATA
@@ -129,10 +197,10 @@ fn walk(reader: &mut BufReader<File>, bytes: u64, found: &mut Found) -> io::Resu
                 found.small(at, opcode, &body);
                 data_ended |= opcode == op::DATA_END;
             }
-            op::FOOTER => return footer(reader, (at, length), bytes, found),
+            op::FOOTER if known.is_none() => return footer(reader, (at, length), bytes, found),
             _ => {
                 found.recording.attachments += u64::from(opcode == op::ATTACHMENT);
-                skip(reader, length)?;
+                reader.skip(length);
             }
         }
         at = next;
@@ -144,7 +212,7 @@ fn torn(at: u64, bytes: u64, reason: String) -> Tail {
 }
 
 /// Opcode and length of the next record, of which `left` bytes are there; or why it is none.
-fn record_head(reader: &mut BufReader<File>, left: u64) -> io::Result<Result<(u8, u64), String>> {
+fn record_head(reader: &mut Source, left: u64) -> io::Result<Result<(u8, u64), String>> {
     if left == 0 {
         return Ok(Err(
             "the file ends without a footer: the writer was stopped before it could end it"
@@ -176,7 +244,7 @@ fn record_head(reader: &mut BufReader<File>, left: u64) -> io::Result<Result<(u8
 
 /// Reads the footer, verifies the summary by it, and expects the end of the file.
 fn footer(
-    reader: &mut BufReader<File>,
+    reader: &mut Source,
     (at, length): (u64, u64),
     bytes: u64,
     found: &mut Found,
@@ -184,8 +252,8 @@ fn footer(
     let mut body = [0u8; FOOTER_BODY];
     let used = length.min(FOOTER_BODY as u64);
     reader.read_exact(&mut body[..used as usize])?;
-    skip(reader, length - used)?;
-    if let Err(what) = summary::verify(reader.get_ref(), at, &body)? {
+    reader.skip(length - used);
+    if let Err(what) = summary::verify(&found.recording.file, at, &body)? {
         found.recording.damage.push(Damage { offset: at, what });
         found.summary = Summary::default();
     }
@@ -193,10 +261,11 @@ fn footer(
         let what = "a footer without an end of the data before it".to_owned();
         found.recording.damage.push(Damage { offset: at, what });
     }
-    let mut magic = Vec::new();
-    reader.take(mcap::MAGIC.len() as u64 + 1).read_to_end(&mut magic)?;
     let next = at + RECORD_HEAD + length;
-    Ok(if magic == mcap::MAGIC && next + mcap::MAGIC.len() as u64 == bytes {
+    let left = bytes.saturating_sub(next).min(mcap::MAGIC.len() as u64 + 1);
+    let mut magic = vec![0u8; left as usize];
+    reader.read_exact(&mut magic)?;
+    Ok(if magic == mcap::MAGIC {
         Tail { complete: true, readable: bytes, ..Tail::default() }
     } else {
         let reason = "the end mark after the footer is missing, or not at the end".to_owned();
@@ -204,12 +273,27 @@ fn footer(
     })
 }
 
-fn skip(reader: &mut BufReader<File>, length: u64) -> io::Result<()> {
-    let length = i64::try_from(length).map_err(|_| io::Error::from(io::ErrorKind::InvalidData))?;
-    reader.seek_relative(length)
-}
-
 impl Found {
+    fn new(path: &Path, file: &File, bytes: u64) -> io::Result<Self> {
+        let recording = Recording {
+            path: path.to_owned(),
+            file: file.try_clone()?,
+            bytes,
+            library: String::new(),
+            blocks: Vec::new(),
+            counts: None,
+            channels: BTreeMap::new(),
+            metadata_records: Vec::new(),
+            attachments: 0,
+            damage: Vec::new(),
+            damaged_metadata: None,
+            data_end: None,
+            watch: Watch::default(),
+            tail: Tail::default(),
+        };
+        Ok(Self { recording, summary: Summary::default() })
+    }
+
     fn small(&mut self, at: u64, opcode: u8, body: &[u8]) {
         match mcap::parse_record(opcode, body) {
             Ok(Record::Header(header)) => self.recording.library = header.library,
@@ -218,8 +302,7 @@ impl Found {
                 self.recording.data_end =
                     Some(DataEnd { offset: at, checksum: end.data_section_crc })
             }
-            Ok(Record::ChunkIndex(index)) => self.summary.chunks.push(index),
-            Ok(record) => self.summary.definitions.extend(Definition::of(record)),
+            Ok(record) => self.summary.take(record),
             Err(error) => {
                 let what = format!("record {opcode:#04x}: {error}");
                 if opcode == op::METADATA {
@@ -280,7 +363,7 @@ fn define(recording: &mut Recording, summary: Vec<Definition>) -> Result<(), Rea
     let mut known = take(summary, &mut schemas);
     let mut buffer = Vec::new();
     for (index, block) in recording.blocks.iter().enumerate() {
-        let covered = match block.channels.as_ref().or(block.hinted.as_ref()) {
+        let covered = match block.channels_or_hint() {
             Some(used) => used.iter().all(|id| known.contains(id)) && (from_summary || index > 0),
             None => from_summary && recording.tail.complete,
         };

@@ -25,7 +25,7 @@ impl Recording {
         for block in self.blocks.iter().rev() {
             // The message indexes have no checksum, but what a killed logger leaves is torn, not
             // altered.
-            if let Some(there) = block.channels.as_ref().or(block.hinted.as_ref())
+            if let Some(there) = block.channels_or_hint()
                 && !there.iter().any(|id| wanted.contains(id))
             {
                 continue;

@@ -1,79 +1,126 @@
 //! Messages in the order of log time, however they were written.
 
 use std::collections::BTreeMap;
-use std::sync::Arc;
+use std::convert::Infallible;
+use std::vec::IntoIter;
 
-use super::{RawMessage, ReadError, Recording, Selection};
+use super::in_order::in_order;
+use super::{RawMessage, ReadError, Recording, Selection, threads};
 
-/// Messages in the order of log time; equal times in the order of the file. A damaged chunk yields
-/// one error; the next call continues after it.
+/// A chunk of one of several recordings; ordered by the time of its first message.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+struct Next {
+    first_ns: u64,
+    source: usize,
+    block: usize,
+}
+
+/// Reads the messages of several recordings on all processors and hands them to `take` in the order
+/// of log time, each with the place of its recording: equal times in the order of the recordings,
+/// and of each file. A damaged chunk comes as one error. A file without a summary is read once more
+/// to find the times of its chunks.
 ///
-/// Chunks are loaded when the time reaches their first message, so that memory holds only those
-/// that overlap.
-#[derive(Debug)]
-pub struct Sorted<'a> {
-    recording: &'a Recording,
-    selection: Selection,
-    /// time of the first message and index of each block still to be loaded, the earliest last
-    blocks: Vec<(u64, usize)>,
-    /// messages by time, block and place in it
-    loaded: BTreeMap<(u64, usize, usize), RawMessage>,
-    buffer: Vec<u8>,
-}
-
-impl Recording {
-    /// Messages in the order of log time. A file without a summary is read once more to find the
-    /// times of its chunks.
-    pub fn sorted(&self, selection: Selection) -> Sorted<'_> {
-        let mut buffer = Vec::new();
-        let mut blocks: Vec<(u64, usize)> = Vec::new();
-        for (index, block) in self.blocks.iter().enumerate() {
-            if !selection.wants_block(block) {
-                continue;
-            }
-            let first_ns = match block.times {
-                Some((first, _)) => Some(first),
-                None => match self.load(block, &mut buffer) {
-                    Ok(loaded) => loaded.heads.iter().map(|head| head.header.log_time).min(),
-                    // Comes first, to yield its error.
-                    Err(_) => Some(0),
-                },
-            };
-            let Some(first_ns) = first_ns else { continue };
-            blocks.push((first_ns, index));
-        }
-        blocks.sort_unstable_by(|a, b| b.cmp(a));
-        Sorted { recording: self, selection, blocks, loaded: BTreeMap::new(), buffer }
+/// Memory holds the chunks that overlap in time, and a few for each processor.
+///
+/// # Errors
+/// Those of `take`, at the first of which it ends.
+pub fn in_order_of_time<E>(
+    sources: &[&Recording],
+    selection: &Selection,
+    mut take: impl FnMut(usize, Result<RawMessage, ReadError>) -> Result<(), E>,
+) -> Result<(), E> {
+    let mut order: Vec<Next> = Vec::new();
+    for (at, source) in sources.iter().enumerate() {
+        order.extend(source.first_times(at, selection));
     }
+    order.sort_unstable();
+    let work = |at: usize, buffer: &mut Vec<u8>| {
+        let next = order[at];
+        let recording = sources[next.source];
+        let block = &recording.blocks[next.block];
+        let messages = recording.messages_of(block, selection, buffer).map(|mut messages| {
+            messages.sort_by_key(RawMessage::log_time_ns);
+            messages
+        });
+        (next, messages)
+    };
+    let mut loaded = Loaded::default();
+    in_order(threads(), order.len(), work, |(next, messages)| {
+        // No message of this chunk, nor of those that follow, comes before its first one.
+        loaded.take_until(Some(next.first_ns), &mut take)?;
+        match messages {
+            Ok(messages) => loaded.keep(next.source, next.block, messages.into_iter()),
+            Err(error) => take(next.source, Err(error))?,
+        }
+        Ok(())
+    })?;
+    loaded.take_until(None, &mut take)
 }
 
-impl Sorted<'_> {
-    fn load(&mut self, index: usize) -> Result<(), ReadError> {
-        let Some(block) = self.recording.blocks.get(index) else { return Ok(()) };
-        let block = Arc::new(self.recording.load(block, &mut self.buffer)?);
-        for (at, &head) in block.heads.iter().enumerate() {
-            if self.selection.wants(&head) {
-                let message = RawMessage { block: Arc::clone(&block), head };
-                self.loaded.insert((head.header.log_time, index, at), message);
+/// What is left of each chunk that was read, in the order of time, by the time of the first message
+/// left, the recording and the chunk.
+#[derive(Default)]
+struct Loaded(BTreeMap<(u64, usize, usize), IntoIter<RawMessage>>);
+
+impl Loaded {
+    fn keep(&mut self, source: usize, block: usize, messages: IntoIter<RawMessage>) {
+        if let Some(first) = messages.as_slice().first() {
+            self.0.insert((first.log_time_ns(), source, block), messages);
+        }
+    }
+
+    /// Hands on all messages before a time (ns), or all.
+    fn take_until<E>(
+        &mut self,
+        until_ns: Option<u64>,
+        take: &mut impl FnMut(usize, Result<RawMessage, ReadError>) -> Result<(), E>,
+    ) -> Result<(), E> {
+        while let Some(entry) = self.0.first_entry() {
+            let (time_ns, source, block) = *entry.key();
+            if until_ns.is_some_and(|until_ns| time_ns >= until_ns) {
+                break;
             }
+            let mut messages = entry.remove();
+            let rival = self.0.first_key_value().map(|(key, _)| *key);
+            while let Some(message) = messages.next() {
+                take(source, Ok(message))?;
+                let Some(next) = messages.as_slice().first() else { break };
+                let next = (next.log_time_ns(), source, block);
+                if rival.is_some_and(|rival| rival < next)
+                    || until_ns.is_some_and(|until_ns| next.0 >= until_ns)
+                {
+                    break;
+                }
+            }
+            self.keep(source, block, messages);
         }
         Ok(())
     }
 }
 
-impl Iterator for Sorted<'_> {
-    type Item = Result<RawMessage, ReadError>;
-
-    fn next(&mut self) -> Option<Self::Item> {
-        while let Some(&(first_ns, index)) = self.blocks.last() {
-            if self.loaded.first_key_value().is_some_and(|((time_ns, ..), _)| *time_ns < first_ns) {
-                break;
-            }
-            self.blocks.pop();
-            if let Err(error) = self.load(index) {
-                return Some(Err(error));
-            }
-        }
-        self.loaded.pop_first().map(|(_, message)| Ok(message))
+impl Recording {
+    /// The chunks with what is selected, and the time of the first message of each.
+    fn first_times(&self, source: usize, selection: &Selection) -> Vec<Next> {
+        let wanted = |at: &usize| selection.wants_block(&self.blocks[*at]);
+        let wanted: Vec<usize> = (0..self.blocks.len()).filter(wanted).collect();
+        let first = |at: usize, buffer: &mut Vec<u8>| {
+            let index = wanted[at];
+            let block = &self.blocks[index];
+            let first_ns = match block.times {
+                Some((first, _)) => Some(first),
+                None => match self.load(block, buffer) {
+                    Ok(loaded) => loaded.heads.iter().map(|head| head.header.log_time).min(),
+                    // Comes first, to yield its error.
+                    Err(_) => Some(0),
+                },
+            };
+            Some(Next { first_ns: first_ns?, source, block: index })
+        };
+        let mut found: Vec<Next> = Vec::with_capacity(wanted.len());
+        let Ok(()) = in_order(threads(), wanted.len(), first, |first| {
+            found.extend(first);
+            Ok::<(), Infallible>(())
+        });
+        found
     }
 }

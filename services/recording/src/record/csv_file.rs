@@ -1,10 +1,12 @@
 //! Records from and to CSV files.
 
+use std::fmt::Write as _;
 use std::fs::File;
 use std::io::{self, Read, Write};
 use std::path::Path;
 
-use super::{Draft, Mapping, Options, Problem, Record, RecordError, TIME};
+use super::{Draft, Mapping, Options, Problem, Record, RecordError, TIME, Table};
+use crate::column::Cursor;
 
 /// Reads a CSV file with a header; units by the columns' names, time in `t_s`.
 ///
@@ -79,8 +81,8 @@ fn draft(text: impl Read, mapping: &[Mapping]) -> Result<Draft, Problem> {
         rows.push(line);
     }
     let time_s = std::mem::take(&mut values[time]);
-    let columns = names.into_iter().zip(values).filter(|(name, _)| name != TIME).collect();
-    Ok(Draft { time_s, rows, columns, findings: Vec::new() })
+    let columns = names.into_iter().zip(values).filter(|(name, _)| name != TIME);
+    Ok(Draft::in_memory(time_s, rows, columns))
 }
 
 /// Renames the mapped columns; returns the factor of each column.
@@ -125,19 +127,44 @@ impl From<csv::Error> for Problem {
 /// # Errors
 /// Those of the output.
 pub fn write_csv(record: &Record, output: impl Write) -> io::Result<()> {
+    let columns = record.columns.iter().map(|(name, values)| (name.as_str(), Cursor::of(values)));
+    write_columns(Cursor::of(&record.time_s), columns, output)
+}
+
+impl Table {
+    /// As [`write_csv`].
+    ///
+    /// # Errors
+    /// Those of the output, and of the columns' files.
+    pub fn write_csv(&self, output: impl Write) -> io::Result<()> {
+        let columns = self.columns.iter().map(|(name, values)| (name.as_str(), values.cursor()));
+        write_columns(self.time_s.cursor(), columns, output)
+    }
+}
+
+fn write_columns<'a>(
+    time_s: Cursor<'a>,
+    columns: impl Iterator<Item = (&'a str, Cursor<'a>)>,
+    output: impl Write,
+) -> io::Result<()> {
     let mut writer = csv::Writer::from_writer(output);
     let to_io = |error: csv::Error| match error.into_kind() {
         csv::ErrorKind::Io(error) => error, // keeps its kind: a closed pipe is no failure
         other => io::Error::other(format!("{other:?}")),
     };
-    writer
-        .write_record(std::iter::once(TIME).chain(record.columns.keys().map(String::as_str)))
-        .map_err(to_io)?;
-    for (index, time) in record.time_s.iter().enumerate() {
-        let cells = std::iter::once(time)
-            .chain(record.columns.values().filter_map(|column| column.get(index)));
-        // `to_string` gives the shortest text that parses to the same number.
-        writer.write_record(cells.map(f64::to_string)).map_err(to_io)?;
+    let rows = time_s.len();
+    let (names, mut columns): (Vec<&str>, Vec<Cursor<'_>>) =
+        std::iter::once((TIME, time_s)).chain(columns).unzip();
+    writer.write_record(names).map_err(to_io)?;
+    let mut cell = String::new();
+    for row in 0..rows {
+        for column in &mut columns {
+            cell.clear();
+            // The shortest text that parses to the same number.
+            write!(cell, "{}", column.at(row)?).map_err(io::Error::other)?;
+            writer.write_field(&cell).map_err(to_io)?;
+        }
+        writer.write_record(None::<&[u8]>).map_err(to_io)?;
     }
     writer.flush()
 }

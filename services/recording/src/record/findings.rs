@@ -1,5 +1,9 @@
 //! Detection of dead and saturated channels.
 
+use std::io;
+
+use crate::column::{Cursor, nth};
+
 /// What a person should check.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Finding {
@@ -52,10 +56,28 @@ const SPEED: f64 = 0.3;
 /// ... and this many times the smallest step (the resolution of an encoder or converter).
 const RESOLUTION: f64 = 3.0;
 
-pub(super) fn dead_or_saturated(column: &str, values: &[f64], first_row: u64) -> Vec<Finding> {
-    let Some(&first) = values.first() else { return Vec::new() };
-    if values.iter().all(|&value| value == first) {
-        return vec![Finding {
+pub(super) fn dead_or_saturated(
+    column: &str,
+    values: &mut Cursor<'_>,
+    first_row: u64,
+) -> io::Result<Vec<Finding>> {
+    if values.is_empty() {
+        return Ok(Vec::new());
+    }
+    let first = values.at(0)?;
+    let (mut low, mut high, mut before) = (first, first, first);
+    let (mut moving, mut smallest) = (0, f64::INFINITY);
+    values.each(|value| {
+        (low, high) = (low.min(value), high.max(value));
+        let step = (value - before).abs();
+        before = value;
+        if step > 0.0 {
+            smallest = smallest.min(step);
+            moving += 1;
+        }
+    })?;
+    if moving == 0 {
+        return Ok(vec![Finding {
             column: column.to_owned(),
             kind: FindingKind::Dead,
             first_row,
@@ -63,37 +85,22 @@ pub(super) fn dead_or_saturated(column: &str, values: &[f64], first_row: u64) ->
             text: format!(
                 "never changes: {first} throughout; a dead channel, or one that was at rest"
             ),
-        }];
+        }]);
     }
-    let mut steps: Vec<f64> =
-        values.windows(2).map(|w| (w[1] - w[0]).abs()).filter(|&step| step > 0.0).collect();
-    let smallest = steps.iter().copied().fold(f64::INFINITY, f64::min);
-    let middle = steps.len() / 2;
-    let (_, &mut median, _) = steps.select_nth_unstable_by(middle, f64::total_cmp);
+    let median = nth(moving / 2, |take| {
+        let mut before = first;
+        values.each(|value| {
+            let step = (value - before).abs();
+            before = value;
+            if step > 0.0 {
+                take(step);
+            }
+        })
+    })?;
     let fast = (SPEED * median).max(RESOLUTION * smallest);
-    let low = values.iter().copied().fold(f64::INFINITY, f64::min);
-    let high = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     let mut found = Vec::new();
     for (extreme, name) in [(low, "lowest"), (high, "highest")] {
-        let (mut rows, mut longest, mut first_at) = (0, 0, None);
-        let mut at = 0;
-        while at < values.len() {
-            if values[at] != extreme {
-                at += 1;
-                continue;
-            }
-            let start = at;
-            while at < values.len() && values[at] == extreme {
-                at += 1;
-            }
-            let into = if start > 0 { (values[start] - values[start - 1]).abs() } else { 0.0 };
-            let out = values.get(at).map_or(0.0, |next| (next - extreme).abs());
-            if at - start >= STAY && into.max(out) >= fast {
-                rows += at - start;
-                longest = longest.max(at - start);
-                first_at = first_at.or(Some(start));
-            }
-        }
+        let Stays { rows, longest, first_at } = stays_at(extreme, fast, values)?;
         if let Some(start) = first_at.filter(|_| rows >= SAMPLES) {
             found.push(Finding {
                 column: column.to_owned(),
@@ -108,12 +115,48 @@ pub(super) fn dead_or_saturated(column: &str, values: &[f64], first_row: u64) ->
             });
         }
     }
-    found
+    Ok(found)
+}
+
+/// The runs at an extreme that count.
+#[derive(Default)]
+struct Stays {
+    rows: usize,
+    longest: usize,
+    first_at: Option<usize>,
+}
+
+/// Finds the runs at an extreme into or out of which a step is at least `fast`.
+fn stays_at(extreme: f64, fast: f64, values: &mut Cursor<'_>) -> io::Result<Stays> {
+    let mut stays = Stays::default();
+    let mut at = 0;
+    while at < values.len() {
+        if values.at(at)? != extreme {
+            at += 1;
+            continue;
+        }
+        let start = at;
+        let into = if start > 0 { (extreme - values.at(start - 1)?).abs() } else { 0.0 };
+        while at < values.len() && values.at(at)? == extreme {
+            at += 1;
+        }
+        let out = if at < values.len() { (values.at(at)? - extreme).abs() } else { 0.0 };
+        if at - start >= STAY && into.max(out) >= fast {
+            stays.rows += at - start;
+            stays.longest = stays.longest.max(at - start);
+            stays.first_at = stays.first_at.or(Some(start));
+        }
+    }
+    Ok(stays)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    fn dead_or_saturated(column: &str, values: &[f64], first_row: u64) -> Vec<Finding> {
+        super::dead_or_saturated(column, &mut Cursor::of(values), first_row).unwrap()
+    }
 
     fn wave(n: usize) -> Vec<f64> {
         (0..n).map(|i| (i as f64 * 0.01).sin()).collect()

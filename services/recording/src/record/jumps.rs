@@ -1,6 +1,9 @@
 //! Jumps of an encoder: positions that change from a row to the next as no machine moves.
 
+use std::io;
+
 use super::{Finding, FindingKind};
+use crate::column::{Cursor, nth};
 
 /// Least size of a jump in the smallest steps of the column, which are encoder counts.
 const LEAST_COUNTS: f64 = 8.0;
@@ -23,34 +26,74 @@ pub struct Jump {
 /// Returns where a position, in rows uniform in time, changes by much more than before and after:
 /// an encoder that lost or regained counts, or a wrong reading.
 pub fn jumps(position: &[f64]) -> Vec<Jump> {
-    let steps: Vec<f64> = position.windows(2).map(|rows| rows[1] - rows[0]).collect();
-    let moving = steps.iter().map(|step| step.abs()).filter(|step| *step > 0.0);
-    let count = moving.fold(f64::INFINITY, f64::min);
-    let beyond: Vec<f64> =
-        steps.windows(3).map(|rows| rows[1] - 0.5 * (rows[0] + rows[2])).collect();
-    let mut sizes: Vec<f64> = beyond.iter().map(|own| own.abs()).collect();
-    if sizes.is_empty() {
-        return Vec::new();
+    // What is in memory can be read.
+    jumps_in(&mut Position(Cursor::of(position))).unwrap_or_default()
+}
+
+/// The rows of a position.
+struct Position<'a>(Cursor<'a>);
+
+impl Position<'_> {
+    /// From a row to the next.
+    fn step(&mut self, row: usize) -> io::Result<f64> {
+        Ok(self.0.at(row + 1)? - self.0.at(row)?)
     }
-    let at = ((sizes.len() as f64 * USUAL) as usize).min(sizes.len() - 1);
-    let (_, usual, _) = sizes.select_nth_unstable_by(at, f64::total_cmp);
-    let least = f64::max(LEAST_COUNTS * count, LEAST_UNEVENNESS * *usual);
-    let size = |at: usize| beyond.get(at).map_or(0.0, |own| own.abs());
-    let is_jump = |at: &usize| {
-        let own = size(*at);
-        // The rows before and after it are off by half of it, the other way.
-        let foremost = (*at).saturating_sub(2)..*at;
-        // A machine that meets a stop, or a channel at the end of its range, changes its speed
-        // and keeps the new one; behind a jump the speed is the one before.
-        let before = steps[(*at).saturating_sub(1)];
-        let behind = steps[(*at + 3).min(steps.len() - 1)];
-        own > least
-            && (behind - before).abs() < own
-            && foremost.into_iter().all(|before| size(before) < own)
-            && (*at + 1..*at + 3).all(|after| size(after) <= own)
-    };
-    let of = |at: usize| Jump { row: at + 2, by: beyond[at] };
-    (0..beyond.len()).filter(is_jump).map(of).collect()
+
+    /// The second of three steps from a row on, beyond what those around it have.
+    fn beyond(&mut self, row: usize) -> io::Result<f64> {
+        Ok(self.step(row + 1)? - 0.5 * (self.step(row)? + self.step(row + 2)?))
+    }
+}
+
+fn jumps_in(position: &mut Position<'_>) -> io::Result<Vec<Jump>> {
+    let steps = position.0.len().saturating_sub(1);
+    let beyond = steps.saturating_sub(2);
+    if beyond == 0 {
+        return Ok(Vec::new());
+    }
+    let mut count = f64::INFINITY;
+    for row in 0..steps {
+        let step = position.step(row)?.abs();
+        if step > 0.0 {
+            count = count.min(step);
+        }
+    }
+    let at = ((beyond as f64 * USUAL) as usize).min(beyond - 1);
+    let usual = nth(at, |take| {
+        (0..beyond).try_for_each(|row| position.beyond(row).map(|own| take(own.abs())))
+    })?;
+    let least = f64::max(LEAST_COUNTS * count, LEAST_UNEVENNESS * usual);
+    let mut found = Vec::new();
+    for at in 0..beyond {
+        let by = position.beyond(at)?;
+        if by.abs() > least && stands_out(position, at, by.abs())? {
+            found.push(Jump { row: at + 2, by });
+        }
+    }
+    Ok(found)
+}
+
+/// Whether what is beyond the steps around it is more than what is so of the rows around it.
+fn stands_out(position: &mut Position<'_>, at: usize, own: f64) -> io::Result<bool> {
+    let steps = position.0.len() - 1;
+    let beyond = steps - 2;
+    // A machine that meets a stop, or a channel at the end of its range, changes its speed
+    // and keeps the new one; behind a jump the speed is the one before.
+    let before = position.step(at.saturating_sub(1))?;
+    let behind = position.step((at + 3).min(steps - 1))?;
+    let returns = (behind - before).abs() < own;
+    // The rows before and after it are off by half of it, the other way.
+    for row in at.saturating_sub(2)..at {
+        if position.beyond(row)?.abs() >= own {
+            return Ok(false);
+        }
+    }
+    for row in (at + 1..at + 3).filter(|row| *row < beyond) {
+        if position.beyond(row)?.abs() > own {
+            return Ok(false);
+        }
+    }
+    Ok(returns)
 }
 
 /// Whether a column is a position (rad or m).
@@ -59,16 +102,20 @@ fn is_position(column: &str) -> bool {
 }
 
 /// What a person should check about a column's jumps.
-pub(super) fn jumping(column: &str, values: &[f64], first_row: u64) -> Option<Finding> {
-    let found = if is_position(column) { jumps(values) } else { Vec::new() };
-    let first = found.first()?;
+pub(super) fn jumping(
+    column: &str,
+    values: Cursor<'_>,
+    first_row: u64,
+) -> io::Result<Option<Finding>> {
+    let found = if is_position(column) { jumps_in(&mut Position(values))? } else { Vec::new() };
+    let Some(first) = found.first() else { return Ok(None) };
     let largest = found.iter().map(|jump| jump.by.abs()).fold(0.0, f64::max);
     let unit = if column.ends_with("_rad") { "rad" } else { "m" };
     let how = match found.len() {
         1 => format!("once from a row to the next, by {largest:.3e} {unit}"),
         times => format!("{times} times from a row to the next, by up to {largest:.3e} {unit}"),
     };
-    Some(Finding {
+    Ok(Some(Finding {
         column: column.to_owned(),
         kind: FindingKind::Jumping,
         first_row: first_row + first.row as u64,
@@ -77,12 +124,16 @@ pub(super) fn jumping(column: &str, values: &[f64], first_row: u64) -> Option<Fi
             "jumps {how}, as no machine moves: the encoder lost or regained counts, or a reading \
              is wrong; check the encoder's cable, supply and highest count rate"
         ),
-    })
+    }))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    fn jumping(column: &str, values: &[f64], first_row: u64) -> Option<Finding> {
+        super::jumping(column, Cursor::of(values), first_row).unwrap()
+    }
 
     /// A movement in encoder counts of 1.57 mrad, at 2 kHz.
     fn movement(rows: usize) -> Vec<f64> {

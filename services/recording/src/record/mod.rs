@@ -13,18 +13,21 @@ mod jumps;
 mod mapping;
 mod resample;
 mod samples;
+mod stretches;
 mod topics;
 
 use std::collections::BTreeMap;
+use std::io;
 use std::path::{Path, PathBuf};
 
 pub use csv_file::{from_csv, from_csv_text, write_csv};
 pub use findings::{Finding, FindingKind};
 pub use jumps::{Jump, jumps};
 pub use mapping::{Mapping, MappingError};
-pub use samples::{ColumnNames, SampleColumns, from_mcap, from_recording};
+pub use samples::{ColumnNames, SampleColumns, from_mcap, from_recording, table_from_recording};
 pub use topics::from_topics;
 
+use crate::column::Column;
 use crate::mcap_read::ReadError;
 
 /// Name of the time column.
@@ -73,6 +76,27 @@ impl Record {
             let found = self.columns.keys().cloned().collect::<Vec<_>>().join(", ");
             Problem::missing_column(name, &found).of(Path::new(&self.name))
         })
+    }
+}
+
+/// A record whose columns may be on disk: what an hour of samples is written from.
+#[derive(Debug)]
+pub struct Table {
+    name: String,
+    time_s: Column,
+    columns: BTreeMap<String, Column>,
+    sampling_s: f64,
+    /// What a person should check.
+    pub findings: Vec<Finding>,
+}
+
+impl Table {
+    /// All of it in memory.
+    fn into_record(self) -> Result<Record, Problem> {
+        let Self { name, time_s, columns, sampling_s, findings } = self;
+        let columns: io::Result<_> =
+            columns.into_iter().map(|(name, column)| Ok((name, column.into_vec()?))).collect();
+        Ok(Record { name, time_s: time_s.into_vec()?, columns: columns?, sampling_s, findings })
     }
 }
 
@@ -184,17 +208,58 @@ impl Problem {
     }
 }
 
+impl From<io::Error> for Problem {
+    fn from(error: io::Error) -> Self {
+        Self(format!("its columns cannot be kept in a temporary file: {error}"))
+    }
+}
+
 /// Columns as read, not checked yet.
 struct Draft {
-    time_s: Vec<f64>,
+    time_s: Column,
     /// row of each sample, for messages
-    rows: Vec<u64>,
-    columns: BTreeMap<String, Vec<f64>>,
+    rows: Column,
+    columns: BTreeMap<String, Column>,
     findings: Vec<Finding>,
 }
 
 impl Draft {
-    fn checked(mut self, file: &Path, options: &Options) -> Result<Record, Problem> {
+    /// Columns in memory, with the row of each sample.
+    fn in_memory(
+        time_s: Vec<f64>,
+        rows: impl IntoIterator<Item = u64>,
+        columns: impl IntoIterator<Item = (String, Vec<f64>)>,
+    ) -> Self {
+        let rows: Vec<f64> = rows.into_iter().map(|row| row as f64).collect();
+        Self {
+            time_s: time_s.into(),
+            rows: rows.into(),
+            columns: columns.into_iter().map(|(name, values)| (name, values.into())).collect(),
+            findings: Vec::new(),
+        }
+    }
+
+    /// The number of a row.
+    fn row(&self, at: usize) -> u64 {
+        self.rows.cursor().at(at).map_or(0, |row| row as u64)
+    }
+
+    /// The first value that is no number: its place, column and value.
+    fn not_finite(&self) -> io::Result<Option<(usize, &str, f64)>> {
+        let columns = self.columns.iter().map(|(name, values)| (name.as_str(), values));
+        for (name, values) in std::iter::once((TIME, &self.time_s)).chain(columns) {
+            let mut values = values.cursor();
+            for at in 0..values.len() {
+                let value = values.at(at)?;
+                if !value.is_finite() {
+                    return Ok(Some((at, name, value)));
+                }
+            }
+        }
+        Ok(None)
+    }
+
+    fn checked(mut self, file: &Path, options: &Options) -> Result<Table, Problem> {
         for name in &options.required {
             if !self.columns.contains_key(name) {
                 let found = if self.columns.is_empty() {
@@ -205,37 +270,30 @@ impl Draft {
                 return Err(Problem::missing_column(name, &found));
             }
         }
-        for (name, values) in std::iter::once((TIME, &self.time_s))
-            .chain(self.columns.iter().map(|(n, v)| (n.as_str(), v)))
-        {
-            if let Some(at) = values.iter().position(|value| !value.is_finite()) {
-                let row = self.rows.get(at).copied().unwrap_or(0);
-                return Err(Problem::cell(row, name, &values[at].to_string()));
-            }
+        if let Some((at, name, value)) = self.not_finite()? {
+            return Err(Problem::cell(self.row(at), name, &value.to_string()));
         }
         let enough = |found| match found < options.rows_min.max(2) {
             true => Err(Problem::too_few_rows(options.rows_min, found)),
             false => Ok(()),
         };
         enough(self.time_s.len())?;
-        let (kept, sampling_s, cut) = grid::uniform(&self.time_s, &self.rows, options)?;
+        let (kept, sampling_s, cut) =
+            grid::uniform(self.time_s.cursor(), self.rows.cursor(), options)?;
         self.findings.extend(cut);
         enough(kept.len())?;
-        let first_row = self.rows.get(kept.start).copied().unwrap_or(0);
-        let cut = |values: Vec<f64>| {
-            if kept.len() == values.len() { values } else { values[kept.clone()].to_vec() }
-        };
-        let time_s = cut(self.time_s);
-        let columns: BTreeMap<String, Vec<f64>> =
-            self.columns.into_iter().map(|(name, values)| (name, cut(values))).collect();
-        for (name, values) in &columns {
-            self.findings.extend(findings::dead_or_saturated(name, values, first_row));
-            self.findings.extend(jumps::jumping(name, values, first_row));
+        let first_row = self.row(kept.start);
+        self.time_s.cut(kept.clone());
+        for (name, values) in &mut self.columns {
+            values.cut(kept.clone());
+            let found = findings::dead_or_saturated(name, &mut values.cursor(), first_row)?;
+            self.findings.extend(found);
+            self.findings.extend(jumps::jumping(name, values.cursor(), first_row)?);
         }
-        Ok(Record {
+        Ok(Table {
             name: file.file_name().unwrap_or(file.as_os_str()).to_string_lossy().into_owned(),
-            time_s,
-            columns,
+            time_s: self.time_s,
+            columns: self.columns,
             sampling_s,
             findings: self.findings,
         })

@@ -3,7 +3,8 @@
 use std::path::Path;
 
 use super::grid::Steps;
-use super::{Draft, Finding, FindingKind, Options, Problem, Record, RecordError, TIME};
+use super::{Draft, Finding, FindingKind, Options, Problem, Record, RecordError, TIME, Table};
+use crate::column::Cursor;
 
 /// A time step beyond this multiple of the median is a gap, which is not interpolated: two rows may
 /// be missing, beside jitter.
@@ -28,8 +29,10 @@ impl Track {
         if self.time_s.len() < 3 {
             return Err(Problem::too_few_rows(3, self.time_s.len()));
         }
-        let steps = Steps::new(&self.time_s, &self.rows)?;
-        steps.refuse(&steps.gaps(|step, median| step > GAP * median))
+        let rows: Vec<f64> = self.rows.iter().map(|row| *row as f64).collect();
+        let mut steps = Steps::new(Cursor::of(&self.time_s), Cursor::of(&rows))?;
+        let gaps = steps.gaps(|step, median| step > GAP * median)?;
+        steps.refuse(&gaps)
     }
 
     /// Mean rate (Hz).
@@ -84,7 +87,7 @@ pub(super) fn on_one_grid(tracks: &[Track], hz: Option<f64>) -> Result<Draft, Pr
         return Err(Problem::too_few_rows(3, count.max(0.0) as usize));
     }
     let time_s: Vec<f64> = (0..count as usize).map(|row| start + row as f64 / hz).collect();
-    let columns = tracks
+    let columns: Vec<(String, Vec<f64>)> = tracks
         .iter()
         .flat_map(|track| {
             track.columns.iter().map(|(name, values)| (name.clone(), track.at(values, &time_s)))
@@ -101,40 +104,52 @@ pub(super) fn on_one_grid(tracks: &[Track], hz: Option<f64>) -> Result<Draft, Pr
             time_s.len()
         ),
     };
-    let rows = (1..=time_s.len() as u64).collect();
-    Ok(Draft { time_s, rows, columns, findings: vec![finding] })
+    let rows = 1..=time_s.len() as u64;
+    Ok(Draft { findings: vec![finding], ..Draft::in_memory(time_s, rows, columns) })
 }
 
 impl Draft {
     /// The checked record, resampled where the options ask for it; `file` is for messages.
     pub(super) fn finish(self, file: &Path, options: &Options) -> Result<Record, RecordError> {
-        let record = self.resampled(options).and_then(|draft| draft.checked(file, options));
-        record.map_err(|problem| problem.of(file))
+        let table = self.finish_table(file, options)?;
+        table.into_record().map_err(|problem| problem.of(file))
     }
 
-    /// Whether every value is a number.
-    fn is_finite(&self) -> bool {
-        let mut all = std::iter::once(&self.time_s).chain(self.columns.values());
-        all.all(|values| values.iter().all(|value| value.is_finite()))
+    /// As [`Self::finish`], with the columns where they are, unless they are resampled.
+    pub(super) fn finish_table(self, file: &Path, options: &Options) -> Result<Table, RecordError> {
+        let table = self.resampled(options).and_then(|draft| draft.checked(file, options));
+        table.map_err(|problem| problem.of(file))
     }
 
     fn resampled(self, options: &Options) -> Result<Self, Problem> {
         let even = options.even_out && options.resample_hz.is_none();
-        let usable = self.time_s.len() > 2 && self.is_finite();
-        if !(even && usable) && options.resample_hz.is_none() {
+        if !even && options.resample_hz.is_none() {
             return Ok(self);
         }
+        let usable = self.time_s.len() > 2 && self.not_finite()?.is_none();
+        if even && !usable {
+            return Ok(self);
+        }
+        let uneven = |draft: &Self| -> Result<Option<(f64, String)>, Problem> {
+            let mut steps = Steps::new(draft.time_s.cursor(), draft.rows.cursor())?;
+            if !steps.is_uneven(options.time_tolerance)? {
+                return Ok(None);
+            }
+            let told = format!("; {}", steps.unevenness(options.time_tolerance)?);
+            Ok(Some((1.0 / steps.median, told)))
+        };
         let (mut hz, mut told) = (options.resample_hz, String::new());
         if even {
-            let steps = Steps::new(&self.time_s, &self.rows)?;
-            if !steps.is_uneven(options.time_tolerance) {
-                return Ok(self);
+            match uneven(&self)? {
+                None => return Ok(self),
+                Some((even_hz, how)) => (hz, told) = (Some(even_hz), how),
             }
-            hz = Some(1.0 / steps.median);
-            told = format!("; {}", steps.unevenness(options.time_tolerance));
         }
         let Self { rows, time_s, columns, findings } = self;
-        let track = Track { rows, time_s, columns: columns.into_iter().collect() };
+        let rows = rows.into_vec()?.into_iter().map(|row| row as u64).collect();
+        let columns: std::io::Result<_> =
+            columns.into_iter().map(|(name, column)| Ok((name, column.into_vec()?))).collect();
+        let track = Track { rows, time_s: time_s.into_vec()?, columns: columns? };
         let mut draft = on_one_grid(&[track], hz)?;
         draft.findings.iter_mut().for_each(|finding| finding.text += &told);
         draft.findings.splice(0..0, findings);
@@ -162,11 +177,12 @@ mod tests {
         let slow = (0..110).map(|row| 0.01 * f64::from(row) - 0.013).collect();
         let tracks = [track(jittered, "a", |t| 3.0 * t), track(slow, "b", |t| 1.0 - t)];
         let draft = on_one_grid(&tracks, Some(400.0)).unwrap();
-        assert!((draft.time_s[1] - draft.time_s[0] - 2.5e-3).abs() < 1e-12);
-        assert!(draft.time_s[0] >= 0.0 && *draft.time_s.last().unwrap() <= 1.0);
-        for (row, time) in draft.time_s.iter().enumerate() {
-            assert!((draft.columns["a"][row] - 3.0 * time).abs() < 1e-9);
-            assert!((draft.columns["b"][row] - (1.0 - time)).abs() < 1e-9);
+        let time_s = draft.time_s.in_memory();
+        assert!((time_s[1] - time_s[0] - 2.5e-3).abs() < 1e-12);
+        assert!(time_s[0] >= 0.0 && *time_s.last().unwrap() <= 1.0);
+        for (row, time) in time_s.iter().enumerate() {
+            assert!((draft.columns["a"].in_memory()[row] - 3.0 * time).abs() < 1e-9);
+            assert!((draft.columns["b"].in_memory()[row] - (1.0 - time)).abs() < 1e-9);
         }
         assert!(draft.findings[0].text.contains("400"));
     }
@@ -178,6 +194,7 @@ mod tests {
         assert_eq!(draft.time_s.len(), 100);
         assert!(
             draft.columns["a"]
+                .in_memory()
                 .iter()
                 .zip(&times)
                 .all(|(value, time)| (value - time.sin()).abs() < 1e-9)

@@ -1,14 +1,14 @@
 //! Records from farreach's recordings.
 
-use std::cmp::Reverse;
 use std::collections::BTreeMap;
-use std::ops::Range;
 use std::path::Path;
 
-use ipc_types::{ANALOG, AXES, CARD_FIFO, CardKind, SAMPLE, Sample};
+use ipc_types::{ANALOG, AXES, SAMPLE, Sample};
 
-use super::{Draft, Finding, FindingKind, Options, Problem, Record, RecordError, TIME};
-use crate::mcap_read::Recording;
+use super::stretches::{Channel, Samples};
+use super::{Draft, Finding, FindingKind, Options, Problem, Record, RecordError, TIME, Table};
+use crate::column::{Column, Storage};
+use crate::mcap_read::{Recorded, Recording};
 
 /// How the channels of an axis are named in the record; `None` leaves a channel out.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -73,11 +73,6 @@ impl SampleColumns {
     }
 }
 
-/// Whether the card may deliver a scan again to an acquisition that takes over.
-const fn read_again(newest: u64, tick: u64) -> bool {
-    tick < newest && newest - tick <= CARD_FIFO as u64
-}
-
 /// Reads the samples of a recording.
 ///
 /// # Errors
@@ -101,20 +96,51 @@ pub fn from_recording(
     columns: &SampleColumns,
     options: &Options,
 ) -> Result<Record, RecordError> {
+    draft(recording, columns, options, &Storage::Memory)?.finish(recording.path(), options)
+}
+
+/// As [`from_recording`], for whoever writes the record and needs it in no memory: its columns are
+/// in `storage`.
+///
+/// # Errors
+/// As [`from_recording`], and those of the storage.
+pub fn table_from_recording(
+    recording: &Recording,
+    columns: &SampleColumns,
+    options: &Options,
+    storage: &Storage,
+) -> Result<Table, RecordError> {
+    draft(recording, columns, options, storage)?.finish_table(recording.path(), options)
+}
+
+fn draft(
+    recording: &Recording,
+    columns: &SampleColumns,
+    options: &Options,
+    storage: &Storage,
+) -> Result<Draft, RecordError> {
     let file = recording.path();
     let wrong = |what: String| Problem(format!("axis {}: {what}", columns.axis)).of(file);
     if columns.axis >= AXES {
         return Err(wrong(format!("expected an axis below {AXES}")));
     }
-    let (mut samples, repeated) = distinct_samples(recording)?;
-    let Some((_, first)) = samples.first().copied() else {
+    let axes = std::iter::once(columns.axis).chain(columns.others.iter().map(|(axis, _)| *axis));
+    let homed = axes.filter(|&axis| axis < AXES).fold(0, |bits, axis| bits | 1u8 << axis);
+    let mut samples = Samples::new(channels(columns).map_err(wrong)?, homed, storage);
+    let mut number = 0;
+    recording.each(SAMPLE.topic.name, |Recorded { message, .. }: Recorded<Sample>| {
+        number += 1;
+        samples.take(number, &message).map_err(|error| Problem::from(error).of(file))
+    })?;
+    let Some(first) = samples.first() else {
         return Err(Problem::too_few_rows(options.rows_min, 0).of(file));
     };
     if columns.axis >= usize::from(first.axes) {
         return Err(wrong(format!("the recording has {} axes", first.axes)));
     }
     let mut findings = Vec::new();
-    if repeated > 0 {
+    if samples.repeated > 0 {
+        let repeated = samples.repeated;
         findings.push(Finding {
             column: TIME.to_owned(),
             kind: FindingKind::Repeated,
@@ -127,7 +153,7 @@ pub fn from_recording(
         findings.push(Finding {
             column: TIME.to_owned(),
             kind: FindingKind::Torn,
-            first_row: samples.last().map_or(0, |(row, _)| *row),
+            first_row: samples.last_row(),
             rows: 0,
             text: format!(
                 "{}; what came after sample {} is missing",
@@ -136,67 +162,91 @@ pub fn from_recording(
             ),
         });
     }
-    findings.extend(one_zero(&mut samples, columns));
-    let first = samples.first().map_or(first, |(_, sample)| *sample);
-    let replayed = first.backend == CardKind::Replay.code();
-    let time_s = if replayed {
-        findings.extend(one_pass(&mut samples));
-        samples.iter().map(|(_, sample)| sample.record_time_s).collect()
-    } else {
+    kept(samples, columns, findings).map_err(|problem| match problem {
+        Unkept::Axis(what) => wrong(what),
+        Unkept::Other(problem) => problem.of(file),
+    })
+}
+
+/// Why no samples can be kept.
+enum Unkept {
+    /// Something about the axis.
+    Axis(String),
+    Other(Problem),
+}
+
+impl From<Problem> for Unkept {
+    fn from(problem: Problem) -> Self {
+        Self::Other(problem)
+    }
+}
+
+/// The samples of one stretch, with the columns whose channels are present in all of them.
+fn kept(
+    samples: Samples,
+    columns: &SampleColumns,
+    mut findings: Vec<Finding>,
+) -> Result<Draft, Unkept> {
+    let Some((stretch, mut read)) = samples.finish(&mut findings) else {
+        return Err(Problem::too_few_rows(1, 0).into());
+    };
+    let pass = stretch.pass();
+    let mut time_s = std::mem::take(&mut read.time);
+    let mut rows = std::mem::take(&mut read.rows);
+    time_s.cut(pass.rows.clone());
+    rows.cut(pass.rows.clone());
+    if !stretch.is_replayed() {
         let period_s = match columns.scan_hz {
             Some(hz) => 1.0 / hz,
-            None => period_s(&samples).ok_or_else(|| {
-                wrong("the scan rate cannot be told from the samples: give the rig file".to_owned())
+            None => stretch.period_s().ok_or_else(|| {
+                let what = "the scan rate cannot be told from the samples: give the rig file";
+                Unkept::Axis(what.to_owned())
             })?,
         };
-        samples
-            .iter()
-            .map(|(row, sample)| match sample.tick.checked_sub(first.tick) {
-                Some(ticks) => Ok(ticks as f64 * period_s),
-                None => {
-                    let after = -((first.tick - sample.tick) as f64) * period_s;
-                    Err(Problem::time_backwards(*row, 0.0, after).of(file))
-                }
-            })
-            .collect::<Result<_, _>>()?
-    };
-    let picked = pick(&samples, columns, &mut findings).map_err(wrong)?;
-    if picked.is_empty() {
-        return Err(wrong("none of its channels is present".to_owned()));
+        time_s = seconds(&time_s, &rows, period_s, &read.storage)?;
     }
-    let rows = samples.iter().map(|(row, _)| *row).collect();
-    Draft { time_s, rows, columns: picked, findings }.finish(file, options)
-}
-
-/// The samples with their numbers in the file from 1, and how many repetitions were left out.
-fn distinct_samples(recording: &Recording) -> Result<(Vec<(u64, Sample)>, u64), RecordError> {
-    let mut samples: Vec<(u64, Sample)> = Vec::new();
-    let mut repeated = 0u64;
-    for (index, sample) in recording.messages::<Sample>(SAMPLE.topic.name)?.enumerate() {
-        let sample = sample?.message;
-        // An acquisition that takes over reads again the scans that its predecessor had not
-        // acknowledged to the card.
-        match samples.last() {
-            Some((_, last))
-                if last.tick == sample.tick
-                    || last.incarnation != sample.incarnation
-                        && read_again(last.tick, sample.tick) =>
-            {
-                repeated += 1;
-            }
-            _ => samples.push((index as u64 + 1, sample)),
+    let mut picked: BTreeMap<String, Column> = BTreeMap::new();
+    for ((channel, mut values), there) in read.channels.into_iter().zip(&pass.present) {
+        if *there == pass.rows.len() {
+            values.cut(pass.rows.clone());
+            picked.insert(channel.name, values);
+        } else if *there > 0 {
+            findings.push(Finding {
+                column: channel.name,
+                kind: FindingKind::Partial,
+                first_row: 1,
+                rows: *there as u64,
+                text: format!("present in {there} of {} samples only: left out", pass.rows.len()),
+            });
         }
     }
-    Ok((samples, repeated))
+    if picked.is_empty() {
+        return Err(Unkept::Axis("none of its channels is present".to_owned()));
+    }
+    Ok(Draft { time_s, rows, columns: picked, findings })
 }
 
-/// The columns whose channels are present in every sample.
-fn pick(
-    samples: &[(u64, Sample)],
-    columns: &SampleColumns,
-    findings: &mut Vec<Finding>,
-) -> Result<BTreeMap<String, Vec<f64>>, String> {
-    let mut picked: BTreeMap<String, Vec<f64>> = BTreeMap::new();
+/// Ticks since the first sample as times (s).
+fn seconds(
+    ticks: &Column,
+    rows: &Column,
+    period_s: f64,
+    storage: &Storage,
+) -> Result<Column, Problem> {
+    let (mut time_s, mut cursor) = (Column::new(storage), ticks.cursor());
+    for at in 0..ticks.len() {
+        let since = cursor.at(at)?;
+        if since < 0.0 {
+            let row = rows.cursor().at(at)? as u64;
+            return Err(Problem::time_backwards(row, 0.0, since * period_s));
+        }
+        time_s.push(since * period_s)?;
+    }
+    Ok(time_s)
+}
+
+/// The channels that are wanted.
+fn channels(columns: &SampleColumns) -> Result<Vec<Channel>, String> {
     type Read = fn(&Sample, usize) -> f64;
     type Present = fn(&Sample, usize) -> bool;
     let of_axis = |(axis, names): (usize, &ColumnNames)| {
@@ -206,7 +256,9 @@ fn pick(
             (&names.slave, |s, i| s.slave_present >> i & 1 == 1, |s, i| s.slave_position[i]),
             (&names.torque, |s, i| s.torque_present >> i & 1 == 1, |s, i| s.slave_torque[i]),
         ];
-        channels.map(|(name, p, r)| Some((name.clone()?, axis, p, r)))
+        channels.map(|(name, present, read)| {
+            Some(Channel { name: name.clone()?, index: axis, present, read })
+        })
     };
     let others = columns.others.iter().map(|(axis, names)| (*axis, names));
     let axis_channels = std::iter::once((columns.axis, &columns.names))
@@ -214,103 +266,17 @@ fn pick(
         .flat_map(of_axis)
         .flatten();
     let analog: (Present, Read) = (|s, i| s.analog_present >> i & 1 == 1, |s, i| s.analog_v[i]);
-    let further =
-        columns.analog.iter().map(|(channel, name)| (name.clone(), *channel, analog.0, analog.1));
-    for (name, index, present, read) in axis_channels.chain(further) {
-        if index >= ANALOG {
-            return Err(format!(
-                "column `{name}`: expected an analog channel below {ANALOG}, found {index}"
-            ));
-        }
-        let there = samples.iter().filter(|(_, sample)| present(sample, index)).count();
-        if there == samples.len() {
-            picked.insert(name, samples.iter().map(|(_, sample)| read(sample, index)).collect());
-        } else if there > 0 {
-            findings.push(Finding {
-                column: name,
-                kind: FindingKind::Partial,
-                first_row: 1,
-                rows: there as u64,
-                text: format!("present in {there} of {} samples only: left out", samples.len()),
-            });
-        }
+    let further = columns.analog.iter().map(|(channel, name)| Channel {
+        name: name.clone(),
+        index: *channel,
+        present: analog.0,
+        read: analog.1,
+    });
+    let wanted: Vec<Channel> = axis_channels.chain(further).collect();
+    match wanted.iter().find(|channel| channel.index >= ANALOG) {
+        Some(Channel { name, index, .. }) => Err(format!(
+            "column `{name}`: expected an analog channel below {ANALOG}, found {index}"
+        )),
+        None => Ok(wanted),
     }
-    Ok(picked)
-}
-
-/// Positions that count from different zeros make no record: keeps the longest stretch with the
-/// same zeros, among those where the record's axes are homed if there is one.
-fn one_zero(samples: &mut Vec<(u64, Sample)>, columns: &SampleColumns) -> Option<Finding> {
-    let axes = std::iter::once(columns.axis).chain(columns.others.iter().map(|(axis, _)| *axis));
-    let wanted = axes.filter(|&axis| axis < AXES).fold(0, |bits, axis| bits | 1u8 << axis);
-    let zeros = |sample: &Sample| (sample.homing_sequence, sample.homed & wanted);
-    let homed =
-        |sample: &Sample| sample.homed & wanted == wanted & ((1u8 << sample.axes.min(7)) - 1);
-    keep_one(
-        samples,
-        FindingKind::Rezeroed,
-        |before, sample| zeros(before) != zeros(sample),
-        |rows, first| (homed(first), rows.len()),
-        |stretches, kept| {
-            format!(
-                "positions count from {stretches} different zeros (homing): kept the longest \
-                 stretch, {kept} samples"
-            )
-        },
-    )
-}
-
-/// A record that was replayed in a loop contains several passes: keeps the longest, the first of
-/// equal ones.
-fn one_pass(samples: &mut Vec<(u64, Sample)>) -> Option<Finding> {
-    keep_one(
-        samples,
-        FindingKind::Looped,
-        |before, sample| sample.record_time_s < before.record_time_s,
-        |rows, _| (rows.len(), Reverse(rows.start)),
-        |passes, kept| {
-            format!("the record was replayed {passes} times: kept the longest pass, {kept} samples")
-        },
-    )
-}
-
-/// Keeps the stretch of samples that ranks highest, by its rows and its first sample. A stretch
-/// `begins` at a sample that differs from the one before. `None` where there is one stretch; the
-/// text of the finding tells the number of stretches and of samples kept.
-fn keep_one<Rank: Ord>(
-    samples: &mut Vec<(u64, Sample)>,
-    kind: FindingKind,
-    begins: impl Fn(&Sample, &Sample) -> bool,
-    rank: impl Fn(&Range<usize>, &Sample) -> Rank,
-    text: impl Fn(usize, usize) -> String,
-) -> Option<Finding> {
-    let mut starts = vec![0];
-    starts.extend((1..samples.len()).filter(|&i| begins(&samples[i - 1].1, &samples[i].1)));
-    let stretches = starts.len();
-    if stretches == 1 {
-        return None;
-    }
-    starts.push(samples.len());
-    let rows = starts.windows(2).map(|pair| pair[0]..pair[1]);
-    let best = rows.max_by_key(|rows| rank(rows, &samples[rows.start].1))?;
-    let (all, first_row) = (samples.len(), samples[best.start].0);
-    *samples = samples.drain(best).collect();
-    Some(Finding {
-        column: TIME.to_owned(),
-        kind,
-        first_row,
-        rows: (all - samples.len()) as u64,
-        text: text(stretches, samples.len()),
-    })
-}
-
-/// The grid's period (s). Ticks are multiples of it, and its rate is a whole number of Hz, so that
-/// the mean over the recording, rounded, is exact.
-fn period_s(samples: &[(u64, Sample)]) -> Option<f64> {
-    let (_, first) = samples.first()?;
-    let (_, last) = samples.last()?;
-    let ticks = last.tick.checked_sub(first.tick).filter(|&ticks| ticks > 0)?;
-    let span_ns = last.scan_time_ns.checked_sub(first.scan_time_ns).filter(|&span| span > 0)?;
-    let hz = (ticks as f64 / (span_ns as f64 * 1e-9)).round();
-    (hz >= 1.0).then(|| 1.0 / hz)
 }

@@ -71,11 +71,10 @@ pub fn from_topics(path: &Path, options: &Options) -> Result<Record, RecordError
     // Times stamped by the sender are used unchanged; those of writing jitter.
     if timed.is_some() && options.resample_hz.is_none() {
         let Track { rows, time_s, columns } = tracks.into_iter().next().unwrap_or_default();
-        let columns = columns.into_iter().collect();
-        return Draft { time_s, rows, columns, findings: Vec::new() }.finish(path, options);
+        return Draft::in_memory(time_s, rows, columns).finish(path, options);
     }
     on_one_grid(&tracks, options.resample_hz)
-        .and_then(|draft| draft.checked(path, options))
+        .and_then(|draft| draft.checked(path, options)?.into_record())
         .map_err(|problem| problem.of(path))
 }
 

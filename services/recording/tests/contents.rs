@@ -1,0 +1,193 @@
+//! What is in a recording by its summary is what reading all of it finds; and reading on several
+//! threads finds what one finds.
+#![allow(clippy::unwrap_used, clippy::expect_used)]
+
+mod common;
+
+use std::fs;
+use std::path::Path;
+
+use common::{command, fill, sample, start, write_file};
+use ipc_types::{COMMAND, Event, EventKind, Message, Process, SAMPLE, Severity, event_topic};
+use proptest::prelude::*;
+use recording::mcap_edit::rewrite;
+use recording::mcap_read::Recording;
+use recording::mcap_write::Writer;
+
+/// Writes messages of three topics, at times that need not rise, in chunks that end anywhere.
+fn write_drawn(path: &Path, messages: &[(u8, u64, bool)], begun_ns: u64) {
+    let topic = event_topic(Process::Control).unwrap();
+    let mut writer = Writer::create(path, &start(), begun_ns).unwrap();
+    for (number, (kind, time_ns, flush)) in (0..).zip(messages) {
+        match kind % 3 {
+            0 => {
+                let mut message = sample(number);
+                message.stamp(11, 22, number, *time_ns);
+                writer.write_message(&SAMPLE, &message).unwrap();
+            }
+            1 => {
+                let mut message = command(number);
+                message.stamp(11, 33, number, *time_ns);
+                writer.write_message(&COMMAND, &message).unwrap();
+            }
+            _ => {
+                let (kind, severity) = (EventKind::Note, Severity::Info);
+                let mut message = Event::new(Process::Control, kind, severity, "drawn");
+                message.stamp(11, 44, number, *time_ns);
+                writer.write_message(&topic, &message).unwrap();
+            }
+        }
+        if *flush {
+            writer.flush().unwrap();
+        }
+    }
+    writer.finish(&[]).unwrap();
+}
+
+/// Kind, time (ns) and whether the chunk ends, of each message.
+fn drawn() -> impl Strategy<Value = Vec<(u8, u64, bool)>> {
+    prop::collection::vec((any::<u8>(), 0..3_000_000_000_u64, any::<bool>()), 0..120)
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+
+    #[test]
+    fn contents_by_the_summary_are_those_of_the_whole_file(
+        messages in drawn(),
+        begun_ns in 0..2_000_000_000_u64,
+    ) {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("run.mcap");
+        write_drawn(&path, &messages, begun_ns);
+        let recording = Recording::open(&path).unwrap();
+        let check = recording.check().unwrap();
+        prop_assert_eq!(recording.contents().unwrap(), Some(check.contents()));
+        // Also of a copy in which channels have other numbers.
+        let copy = dir.path().join("copy.mcap");
+        rewrite(&[&recording], None, None, &Default::default(), &copy).unwrap();
+        let copy = Recording::open(&copy).unwrap();
+        prop_assert_eq!(copy.contents().unwrap(), Some(copy.check().unwrap().contents()));
+    }
+}
+
+#[test]
+fn only_a_whole_file_tells_its_contents_without_being_read() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("run.mcap");
+    write_file(&path, 4000);
+    let whole = fs::read(&path).unwrap();
+    let recording = Recording::open(&path).unwrap();
+    assert!(recording.contents().unwrap().is_some());
+    let open = |bytes: &[u8]| {
+        fs::write(&path, bytes).unwrap();
+        Recording::open(&path).unwrap()
+    };
+    // A torn one, and one whose summary was altered.
+    assert_eq!(open(&whole[..whole.len() - 1]).contents().unwrap(), None);
+    let mut altered = whole.clone();
+    altered[whole.len() - 60] ^= 1;
+    assert_eq!(open(&altered).contents().unwrap(), None);
+    // The first chunk with messages holds the first of them: where it is damaged, nothing is said.
+    let chunks = mcap::Summary::read(&whole).unwrap().unwrap().chunk_indexes;
+    let first = chunks.iter().find(|chunk| chunk.message_start_time > 0).unwrap();
+    let mut damaged = whole.clone();
+    damaged[(first.chunk_start_offset + first.chunk_length / 2) as usize] ^= 1;
+    assert_eq!(open(&damaged).contents().unwrap(), None);
+}
+
+#[test]
+fn a_summary_that_counts_wrongly_is_damage() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("run.mcap");
+    write_file(&path, 400);
+    let mut bytes = fs::read(&path).unwrap();
+    let footer = bytes.len() - 8 - 29;
+    let word = |bytes: &[u8], at: usize| u64::from_le_bytes(bytes[at..at + 8].try_into().unwrap());
+    let begin = word(&bytes, footer + 9) as usize;
+    let mut at = begin;
+    while bytes[at] != mcap::records::op::STATISTICS {
+        at += 9 + word(&bytes, at + 1) as usize;
+    }
+    // Of the last channel that is counted, one more; and the right checksum.
+    let counted = at + 9 + word(&bytes, at + 1) as usize - 8;
+    bytes[counted] += 1;
+    let sum = crc32fast::hash(&bytes[begin..footer + 9 + 16]).to_le_bytes();
+    bytes[footer + 9 + 16..footer + 9 + 20].copy_from_slice(&sum);
+    fs::write(&path, &bytes).unwrap();
+    let check = Recording::open(&path).unwrap().check().unwrap();
+    let told: Vec<&str> = check.damage.iter().map(|damage| damage.what.as_str()).collect();
+    assert!(told.len() == 1 && told[0].starts_with("the summary counts "), "{told:?}");
+}
+
+#[test]
+fn a_chunk_whose_head_was_altered_costs_that_chunk_alone() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("run.mcap");
+    write_file(&path, 6000);
+    let whole = fs::read(&path).unwrap();
+    let chunks = mcap::Summary::read(&whole).unwrap().unwrap().chunk_indexes;
+    let head = chunks[chunks.len() / 2].chunk_start_offset as usize;
+    // Opcode, and length of the record: nothing else guards them.
+    for byte in [head, head + 1, head + 7] {
+        let mut bytes = whole.clone();
+        bytes[byte] ^= 0x40;
+        fs::write(&path, &bytes).unwrap();
+        let recording = Recording::open(&path).unwrap();
+        let check = recording.check().unwrap();
+        assert_eq!(check.damage.len(), 1, "{:?}", check.damage);
+        let left = common::samples(&recording);
+        assert!(left.len() > 5000 && left.len() < 6000, "{}", left.len());
+    }
+}
+
+/// A file, and what was done to it.
+fn spoilt(dir: &Path) -> Vec<(String, Vec<u8>)> {
+    let path = dir.join("sound.mcap");
+    write_file(&path, 5000);
+    let sound = fs::read(&path).unwrap();
+    let gapped = dir.join("gapped.mcap");
+    let mut writer = Writer::create(&gapped, &start(), sample(0).time_ns).unwrap();
+    for i in (0..700).chain(720..2000).chain(1990..2600).chain(2700..4000) {
+        writer.write_message(&SAMPLE, &sample(i)).unwrap();
+        writer.tick(sample(i).time_ns).unwrap();
+    }
+    writer.finish(&[]).unwrap();
+    let mut growing = Writer::create(&dir.join("growing.mcap"), &start(), 0).unwrap();
+    fill(&mut growing, 3000);
+    let killed = fs::read(dir.join("growing.mcap")).unwrap();
+    let mut files = vec![
+        ("sound".to_owned(), sound.clone()),
+        ("gapped".to_owned(), fs::read(&gapped).unwrap()),
+        ("killed".to_owned(), killed),
+    ];
+    for part in 1..40 {
+        let at = sound.len() * part / 40;
+        let mut flipped = sound.clone();
+        flipped[at] ^= 0x10;
+        flipped[sound.len() - at] ^= 0x04;
+        files.push((format!("flipped at {at}"), flipped));
+        files.push((format!("cut at {at}"), sound[..at].to_vec()));
+    }
+    files
+}
+
+#[test]
+fn several_threads_find_what_one_finds() {
+    let dir = tempfile::tempdir().unwrap();
+    let (mut lost, mut read) = (0, 0);
+    for (what, bytes) in spoilt(dir.path()) {
+        let path = dir.path().join("run.mcap");
+        fs::write(&path, bytes).unwrap();
+        let Ok(recording) = Recording::open_damaged(&path) else { continue };
+        let one = recording.check_on(1).unwrap();
+        for threads in [2, 3, 7] {
+            let several = recording.check_on(threads).unwrap();
+            assert_eq!(format!("{several:?}"), format!("{one:?}"), "{what}, {threads} threads");
+        }
+        read += 1;
+        lost += usize::from(one.data_lost());
+    }
+    // All but the sound one, and those in which a bit was flipped that nobody reads.
+    assert!(read > 60 && lost > 60, "{lost} of {read}");
+}
