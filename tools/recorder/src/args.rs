@@ -12,6 +12,7 @@ use crate::volumes::PulseInput;
 pub enum Command {
     /// What is in a recording: when, which rig, subject and protocol, which topics, which
     /// processes ran programs of others, and what the monitor said of the model beside the machine.
+    /// Of a whole file the end alone is read: verify tells whether anything is missing.
     ///
     /// Example: farreach rec info run.mcap --text rig_file > rig.toml
     Info {
@@ -88,7 +89,7 @@ pub enum Command {
         /// The recordings.
         #[arg(required = true, num_args = 1..)]
         files: Vec<PathBuf>,
-        /// Merges recordings of different rigs or sessions too.
+        /// Merges recordings of different rigs, rig files or sessions, or of the same time, too.
         #[arg(long)]
         force: bool,
         /// The new file; never overwritten.

@@ -6,6 +6,7 @@ use std::io::Write;
 use std::time::{Duration, UNIX_EPOCH};
 
 use anyhow::bail;
+use recording::column::{Column, Cursor};
 
 /// Largest value of a sample; its negative is the least, so that 0 is exactly 0.
 const LARGEST: i32 = 8_388_607;
@@ -27,7 +28,7 @@ pub(crate) struct BdfSignal<'a> {
     /// Its range is ± this at least, in its unit.
     pub(crate) range: f64,
     /// The values; one that is not finite is written as 0.
-    pub(crate) values: Vec<f64>,
+    pub(crate) values: Column,
 }
 
 /// A note at an instant.
@@ -77,11 +78,13 @@ pub(crate) fn write_bdf(
         .iter()
         .map(|limit| Ok(f64::from(LARGEST) / limit.parse::<f64>()?))
         .collect::<anyhow::Result<_>>()?;
+    let mut values: Vec<Cursor<'_>> = signals.iter().map(|signal| signal.values.cursor()).collect();
     for record in 0..records {
-        for (signal, steps) in signals.iter().zip(&steps) {
+        for (values, steps) in values.iter_mut().zip(&steps) {
             for at in record * rate..(record + 1) * rate {
-                let value = signal.values.get(at).copied().filter(|value| value.is_finite());
-                let step = (value.unwrap_or(0.0) * steps).round() as i32;
+                let value = if at < values.len() { values.at(at)? } else { 0.0 };
+                let value = if value.is_finite() { value } else { 0.0 };
+                let step = (value * steps).round() as i32;
                 let step = step.clamp(-LARGEST, LARGEST);
                 out.write_all(&step.to_le_bytes()[..BYTES])?;
             }
@@ -159,8 +162,12 @@ fn limit(signal: &BdfSignal<'_>) -> anyhow::Result<String> {
             signal.unit
         );
     }
-    let finite = signal.values.iter().filter(|value| value.is_finite());
-    let largest = finite.fold(signal.range.abs(), |largest, value| largest.max(value.abs()));
+    let mut largest = signal.range.abs();
+    signal.values.cursor().each(|value| {
+        if value.is_finite() {
+            largest = largest.max(value.abs());
+        }
+    })?;
     for decimals in (0..=5).rev() {
         let scale = f64::powi(10.0, decimals);
         let rounded = ((largest * scale).ceil() / scale).max(1.0 / scale);

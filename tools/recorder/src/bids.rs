@@ -18,10 +18,12 @@ use std::io::Write;
 use std::path::Path;
 
 use anyhow::{Context, bail};
-use recording::mcap_read::Recording;
+use recording::column::Storage;
+use recording::mcap_read::{Recording, Selection};
 
 use crate::DATA_LOST;
 use crate::args::BidsOptions;
+use crate::progress::Progress;
 use crate::runs::{Stretch, stretches};
 pub use names::FirstRun;
 use names::{Names, RunLabels, label};
@@ -47,11 +49,14 @@ pub(crate) fn export(
     let mut labels = RunLabels::from(options.run.as_ref());
     let mut told = Vec::new();
     let mut left_out = Vec::new();
-    for stretch in stretches(&recording)? {
+    let stretches = stretches(&recording)?;
+    let progress = Progress::of([&recording], &Selection::default(), stretches.len(), false);
+    for stretch in stretches {
         let names = names_of(&stretch, options, &mut labels)?;
         // One run that cannot be read keeps no other from being exported.
         let code_of_subject = stretch.subject.trim();
-        let run = match Run::read(&recording, stretch, options.first_volume) {
+        let storage = Storage::Folder(staged.apart().to_owned());
+        let run = match Run::read(&recording, stretch, options.first_volume, &storage) {
             Ok(run) => run,
             Err(error) => {
                 left_out.push(format!("{}: NOT exported: {error:#}", names.stem()));
@@ -67,6 +72,7 @@ pub(crate) fn export(
             told.push(format!("subject \"{code_of_subject}\" is sub-{} here", names.subject));
         }
     }
+    drop(progress);
     if told.is_empty() {
         bail!("{}: nothing was exported: {}", file.display(), left_out.join("; "));
     }

@@ -5,11 +5,12 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use anyhow::bail;
-use recording::mcap_edit::{EditReport, check_related, rewrite};
-use recording::mcap_read::Recording;
+use recording::mcap_edit::{EditReport, check_one_session, rewrite};
+use recording::mcap_read::{Recording, Selection};
 use recording::mcap_write::key;
 
 use crate::inspect::grouped;
+use crate::progress::Progress;
 use crate::replacements::note_for_copy;
 use crate::{DATA_LOST, DONE, exit_code_of_tail};
 
@@ -21,7 +22,9 @@ pub(crate) fn recover(
 ) -> anyhow::Result<i32> {
     let recording = Recording::open_damaged(file)?;
     let notes = with_replaced(how("recover", &[file]), &recording, None)?;
+    let progress = Progress::of([&recording], &Selection::default(), 1, json);
     let report = rewrite(&[&recording], None, None, &notes, to)?;
+    drop(progress);
     report_edit(&report, to, json, true, out)?;
     for damage in &recording.damage {
         eprintln!("{}: damaged at byte {}: {}", file.display(), damage.offset, damage.what);
@@ -49,8 +52,11 @@ pub(crate) fn cut(
         bail!("--from {from} --to {until}: expected an end after the beginning");
     }
     let recording = Recording::open(file)?;
-    let check = recording.check()?;
-    let (Some(first), Some((_, last))) = (check.origin_ns, check.span_ns()) else {
+    let contents = match recording.contents()? {
+        Some(contents) => contents,
+        None => recording.check()?.contents(),
+    };
+    let (Some(first), Some((_, last))) = (contents.origin_ns, contents.span_ns()) else {
         bail!("{}: there are no messages to cut", file.display());
     };
     let at = |seconds: f64| first.saturating_add((seconds * 1e9).round() as u64);
@@ -65,7 +71,11 @@ pub(crate) fn cut(
     for (name, value) in [("from_s", from), ("to_s", until)] {
         notes.extend(value.map(|value| (name.to_owned(), value.to_string())));
     }
-    let report = rewrite(&[&recording], from.map(at), until.map(at), &notes, to)?;
+    let (from_ns, until_ns) = (from.map(at), until.map(at));
+    let selection = Selection { channels: None, from_ns, until_ns };
+    let progress = Progress::of([&recording], &selection, 1, json);
+    let report = rewrite(&[&recording], from_ns, until_ns, &notes, to)?;
+    drop(progress);
     report_edit(&report, to, json, report.damaged_chunks > 0, out)?;
     Ok(if report.damaged_chunks > 0 { DATA_LOST } else { DONE })
 }
@@ -81,10 +91,12 @@ pub(crate) fn merge(
         files.iter().map(|file| Recording::open(file)).collect::<Result<Vec<_>, _>>()?;
     let sources: Vec<&Recording> = recordings.iter().collect();
     if !force {
-        check_related(&sources)?;
+        check_one_session(&sources)?;
     }
+    let progress = Progress::of(&recordings, &Selection::default(), 1, json);
     let names: Vec<&Path> = files.iter().map(PathBuf::as_path).collect();
     let report = rewrite(&sources, None, None, &how("merge", &names), to)?;
+    drop(progress);
     let lost = report.damaged_chunks > 0
         || recordings.iter().any(|recording| exit_code_of_tail(recording) == DATA_LOST);
     report_edit(&report, to, json, lost, out)?;

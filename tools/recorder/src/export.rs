@@ -1,20 +1,22 @@
 //! `export`.
 
-use std::fs::File;
-use std::io::{BufWriter, Write};
+use std::fmt::Write as _;
+use std::io::Write;
 use std::path::Path;
 
-use anyhow::{Context, bail};
-use recording::mcap_read::{Recording, Selection};
-use recording::record::{ColumnNames, Gaps, Options, SampleColumns, from_recording, write_csv};
+use anyhow::bail;
+use ipc_types::SAMPLE;
+use recording::column::Storage;
+use recording::mcap_read::{RawMessage, ReadError, Recording, Selection};
+use recording::record::{
+    ColumnNames, FindingKind, Gaps, Options, SampleColumns, Table, table_from_recording,
+};
 use recording::schema::Layout;
 
 use crate::args::ExportOptions;
-use crate::output::Output;
+use crate::output::{Output, beside, new_file, none_exists};
+use crate::progress::Progress;
 use crate::{DATA_LOST, ExportFormat, LengthUnit, bids, exit_code_of_tail, mat};
-
-/// Writes a table whose source was found readable.
-type WriteTable<'a> = Box<dyn FnOnce(&mut dyn Write) -> anyhow::Result<()> + 'a>;
 
 pub(crate) fn export(
     file: &Path,
@@ -37,90 +39,139 @@ pub(crate) fn export(
         (ExportFormat::Mat, Some(name)) => return mat::export(file, name, stdout),
         (ExportFormat::Bids, Some(folder)) => return bids::export(file, bids, folder, stdout),
     }
+    if let Some(path) = to {
+        none_exists(&[path])?;
+    }
     let recording = Recording::open(file)?;
     let mut code = exit_code_of_tail(&recording);
-    let write: WriteTable<'_> = match topic {
-        Some(topic) => {
-            let channels = recording.channels_of(topic)?;
-            Box::new(|output| whole_topic(&recording, topic, channels, output))
-        }
-        None => {
-            let names = match unit {
-                LengthUnit::Rad => ColumnNames::rotary(),
-                LengthUnit::M => ColumnNames::linear(),
-            };
-            let columns = SampleColumns { axis: *axis, ..SampleColumns::new(names) };
-            let record =
-                from_recording(&recording, &columns, &Options::default().gaps(Gaps::LongestRun))?;
-            for finding in &record.findings {
-                eprintln!("{}: {}: {}", file.display(), finding.column, finding.text);
-                if finding.kind == recording::record::FindingKind::Masked {
-                    code = DATA_LOST;
-                }
+    let channels = recording.channels_of(topic.unwrap_or(SAMPLE.topic.name))?;
+    let selection = Selection { channels: Some(channels), ..Selection::default() };
+    let progress = Progress::of([&recording], &selection, 1, false);
+    let Some(topic) = topic else {
+        let names = match unit {
+            LengthUnit::Rad => ColumnNames::rotary(),
+            LengthUnit::M => ColumnNames::linear(),
+        };
+        let columns = SampleColumns { axis: *axis, ..SampleColumns::new(names) };
+        let record = record(&recording, &columns, to)?;
+        drop(progress);
+        for finding in &record.findings {
+            eprintln!("{}: {}: {}", file.display(), finding.column, finding.text);
+            if finding.kind == FindingKind::Masked {
+                code = DATA_LOST;
             }
-            Box::new(move |output| Ok(write_csv(&record, output)?))
         }
+        write_to(to, stdout, |output| Ok(record.write_csv(output)?))?;
+        return Ok(code);
     };
-    // The source is known to be readable now: no empty file is left behind.
-    let mut created;
-    let output: &mut dyn Write = match to {
-        None => stdout,
-        Some(path) => {
-            created = File::create_new(path).with_context(|| {
-                format!("{}: cannot create; files are never overwritten", path.display())
-            })?;
-            &mut created
-        }
-    };
-    let mut output = BufWriter::new(output);
-    write(&mut output)?;
-    output.flush()?;
+    write_to(to, stdout, |output| whole_topic(&recording, topic, &selection, output))?;
+    drop(progress);
     Ok(code)
 }
 
-/// All fields of a topic, the log time first, arrays spread over columns, a text in one.
+/// Writes to a new file, which is there whole or not at all, or to stdout.
+fn write_to(
+    to: Option<&Path>,
+    stdout: &mut Output<'_>,
+    write: impl FnOnce(&mut dyn Write) -> anyhow::Result<()>,
+) -> anyhow::Result<()> {
+    match to {
+        Some(path) => new_file(path, write),
+        None => {
+            let mut output = std::io::BufWriter::new(stdout);
+            write(&mut output)?;
+            Ok(output.flush()?)
+        }
+    }
+}
+
+/// The measured record, its columns in files beside what is written of it.
+fn record(
+    recording: &Recording,
+    columns: &SampleColumns,
+    to: Option<&Path>,
+) -> anyhow::Result<Table> {
+    let folder = to.map_or_else(std::env::temp_dir, |path| beside(path).to_owned());
+    let options = Options::default().gaps(Gaps::LongestRun);
+    Ok(table_from_recording(recording, columns, &options, &Storage::Folder(folder))?)
+}
+
+/// Rows of one channel.
+struct Rows {
+    channel_id: u16,
+    text: Vec<u8>,
+}
+
+/// All fields of a topic, the log time first, arrays spread over columns, a text in one. Rows are
+/// written in the order of the file, and made of the messages on all processors.
 fn whole_topic(
     recording: &Recording,
     topic: &str,
-    channels: Vec<u16>,
+    selection: &Selection,
     output: &mut dyn Write,
 ) -> anyhow::Result<()> {
-    let mut table = csv::Writer::from_writer(output);
-    let mut header: Option<Layout> = None;
-    let selection = Selection { channels: Some(channels.clone()), ..Selection::default() };
-    for message in recording.raw(selection) {
-        let message = message?;
-        let (layout, body) = recording.decode(&message)?;
-        match &header {
-            Some(first) if first == layout => {}
-            Some(_) => bail!(
-                "{}: topic {topic} changes its fields within the file: export the parts one by one",
-                recording.path().display()
-            ),
-            None => {
-                table.write_record(header_of(layout))?;
-                header = Some(layout.clone());
+    let layout_of = |id: &u16| recording.channels.get(id)?.layout.as_ref().ok();
+    let mut header: Option<&Layout> = None;
+    let work = |messages: Result<Vec<RawMessage>, ReadError>| rows_of(recording, &messages?);
+    recording.in_order(selection, work, |rows: anyhow::Result<Vec<Rows>>| {
+        for Rows { channel_id, text } in rows? {
+            let layout = layout_of(&channel_id);
+            match header {
+                Some(first) if Some(first) == layout => {}
+                Some(_) => bail!(
+                    "{}: topic {topic} changes its fields within the file: export the parts one \
+                     by one",
+                    recording.path().display()
+                ),
+                None => {
+                    header = layout;
+                    write_header(layout, output)?;
+                }
             }
+            output.write_all(&text)?;
         }
-        let mut row = vec![message.log_time_ns().to_string()];
-        for field in &layout.fields {
-            match field.event_text(&layout.fields, body) {
-                Some(text) => row.push(text),
-                None => row.extend(field.read_all(body).map(|value| value.to_string())),
-            }
-        }
-        table.write_record(row)?;
+        Ok(())
+    })?;
+    if header.is_none() {
+        let first = selection.channels.as_ref().and_then(|channels| channels.first());
+        write_header(first.and_then(layout_of), output)?;
     }
-    if header.is_none()
-        && let Some(layout) = channels
-            .first()
-            .and_then(|id| recording.channels.get(id))
-            .and_then(|channel| channel.layout.as_ref().ok())
-    {
-        table.write_record(header_of(layout))?;
-    }
-    table.flush()?;
     Ok(())
+}
+
+fn write_header(layout: Option<&Layout>, output: &mut dyn Write) -> anyhow::Result<()> {
+    let Some(layout) = layout else { return Ok(()) };
+    let mut table = csv::Writer::from_writer(output);
+    table.write_record(header_of(layout))?;
+    Ok(table.flush()?)
+}
+
+/// The rows of some messages; a part for each stretch of messages of one channel.
+fn rows_of(recording: &Recording, messages: &[RawMessage]) -> anyhow::Result<Vec<Rows>> {
+    let mut parts = Vec::new();
+    let mut cell = String::new();
+    for messages in messages.chunk_by(|a, b| a.channel_id() == b.channel_id()) {
+        let mut table = csv::Writer::from_writer(Vec::new());
+        for message in messages {
+            let (layout, body) = recording.decode(message)?;
+            table.write_field(message.log_time_ns().to_string())?;
+            for field in &layout.fields {
+                if let Some(text) = field.event_text(&layout.fields, body) {
+                    table.write_field(text)?;
+                    continue;
+                }
+                for value in field.read_all(body) {
+                    cell.clear();
+                    write!(cell, "{value}")?;
+                    table.write_field(&cell)?;
+                }
+            }
+            table.write_record(None::<&[u8]>)?;
+        }
+        let text = table.into_inner().map_err(|error| error.into_error())?;
+        parts.extend(messages.first().map(|of| Rows { channel_id: of.channel_id(), text }));
+    }
+    Ok(parts)
 }
 
 fn header_of(layout: &Layout) -> Vec<String> {

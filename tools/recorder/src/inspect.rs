@@ -7,11 +7,12 @@ use std::time::{Duration, UNIX_EPOCH};
 
 use anyhow::bail;
 use ipc_types::{ANALOG, AXES};
-use recording::mcap_read::{Check, Recording, TopicCheck};
+use recording::mcap_read::{Check, Contents, Damage, Recording, Selection, TopicContents};
 use recording::mcap_write::{DAMAGED_RECORD, key};
 use serde_json::{Value, json};
 
 use crate::monitored::Monitored;
+use crate::progress::Progress;
 use crate::replacements::Replacements;
 use crate::{DATA_LOST, DONE};
 
@@ -55,11 +56,18 @@ pub(crate) fn grouped(number: u64) -> String {
 
 pub(crate) fn info(file: &Path, json: bool, out: &mut dyn Write) -> anyhow::Result<i32> {
     let recording = Recording::open_damaged(file)?;
-    let check = recording.check()?;
+    // What a whole file says of itself at its end; one that is torn or damaged is read.
+    let (contents, check) = match recording.contents()? {
+        Some(contents) => (contents, None),
+        None => {
+            let check = recording.check()?;
+            (check.contents(), Some(check))
+        }
+    };
     let monitored = Monitored::read(&recording)?;
     let replacements = Replacements::read(&recording)?;
     if json {
-        let mut value = as_json(&recording, &check);
+        let mut value = as_json(&recording, &contents, check.as_ref());
         value["model"] = json!(monitored);
         value["replaced"] = json!(replacements.processes);
         value["replaced_not_known"] = json!(replacements.not_known);
@@ -74,7 +82,7 @@ pub(crate) fn info(file: &Path, json: bool, out: &mut dyn Write) -> anyhow::Resu
         recording.blocks(),
         if recording.library.is_empty() { "an unknown program" } else { &recording.library }
     )?;
-    if let (Some(origin), Some((_, last))) = (check.origin_ns, check.span_ns()) {
+    if let (Some(origin), Some((_, last))) = (contents.origin_ns, contents.span_ns()) {
         let began = humantime::format_rfc3339_seconds(UNIX_EPOCH + Duration::from_nanos(origin));
         writeln!(out, "  from {began}, {:.3} s", last.saturating_sub(origin) as f64 * 1e-9)?;
     }
@@ -89,18 +97,26 @@ pub(crate) fn info(file: &Path, json: bool, out: &mut dyn Write) -> anyhow::Resu
              a bit of it that has changed"
         )?;
     }
-    if check.complete && check.ended_cleanly && check.damage.is_empty() {
+    let damage = check.as_ref().map_or(&recording.damage, |check| &check.damage);
+    if recording.tail.complete && recording.ended_as_expected() && damage.is_empty() {
         writeln!(out, "  ended cleanly")?;
     } else {
-        losses(&recording, &check, out)?;
+        losses(&recording, damage, out)?;
     }
+    table(&contents, out)?;
+    of_the_model(&monitored, out)?;
+    Ok(DONE)
+}
+
+/// The topics that have messages.
+fn table(contents: &Contents, out: &mut dyn Write) -> std::io::Result<()> {
     writeln!(
         out,
         "  {:<18} {:>8} {:>14} {:>10} {:>10}",
         "topic", "count", "rate Hz", "first s", "last s"
     )?;
-    let origin = check.origin_ns.unwrap_or(0);
-    for topic in check.topics.iter().filter(|topic| topic.count > 0) {
+    let origin = contents.origin_ns.unwrap_or(0);
+    for topic in contents.topics.iter().filter(|topic| topic.count > 0) {
         // negative for events before the recording
         let seconds = |time: u64| (time as i128 - i128::from(origin)) as f64 * 1e-9;
         let rate = topic.rate_hz().map_or_else(|| "-".to_owned(), |rate| format!("{rate:.1}"));
@@ -114,8 +130,7 @@ pub(crate) fn info(file: &Path, json: bool, out: &mut dyn Write) -> anyhow::Resu
             seconds(topic.last_ns)
         )?;
     }
-    of_the_model(&monitored, out)?;
-    Ok(DONE)
+    Ok(())
 }
 
 /// What the monitor said; nothing where none ran.
@@ -162,15 +177,17 @@ fn about(recording: &Recording, out: &mut dyn Write) -> std::io::Result<()> {
 
 pub(crate) fn verify(file: &Path, json: bool, out: &mut dyn Write) -> anyhow::Result<i32> {
     let recording = Recording::open_damaged(file)?;
+    let progress = Progress::of([&recording], &Selection::default(), 1, json);
     let check = recording.check()?;
+    drop(progress);
     let lost = check.data_lost();
     if json {
-        writeln!(out, "{}", as_json(&recording, &check))?;
+        writeln!(out, "{}", as_json(&recording, &check.contents(), Some(&check)))?;
         return Ok(if lost { DATA_LOST } else { DONE });
     }
     if lost {
         writeln!(out, "{}: DATA LOST", file.display())?;
-        losses(&recording, &check, out)?;
+        losses(&recording, &check.damage, out)?;
     } else {
         writeln!(
             out,
@@ -241,7 +258,7 @@ fn places(number: u64) -> String {
     format!("in {} place{}", grouped(number), if number == 1 { "" } else { "s" })
 }
 
-fn losses(recording: &Recording, check: &Check, out: &mut dyn Write) -> std::io::Result<()> {
+fn losses(recording: &Recording, damage: &[Damage], out: &mut dyn Write) -> std::io::Result<()> {
     let tail = &recording.tail;
     if !tail.complete {
         let lost = match (tail.being_written, tail.lost) {
@@ -249,26 +266,41 @@ fn losses(recording: &Recording, check: &Check, out: &mut dyn Write) -> std::io:
             (false, lost) => format!(" ({} bytes unreadable)", grouped(lost)),
         };
         writeln!(out, "  {}{lost}", tail.reason)?;
-    } else if !check.ended_cleanly {
+    } else if !recording.ended_as_expected() {
         writeln!(
             out,
             "  the recording did not end cleanly: it was cut off and recovered, or its logger \
                 failed"
         )?;
     }
-    for damage in &check.damage {
+    for damage in damage {
         writeln!(out, "  damaged at byte {}: {}", grouped(damage.offset), damage.what)?;
     }
     Ok(())
 }
 
-fn as_json(recording: &Recording, check: &Check) -> Value {
-    let topic = |topic: &TopicCheck| {
-        let mut value = json!(topic);
-        value["rate_hz"] = json!(topic.rate_hz());
-        value
+/// What only reading the whole file tells, of a topic.
+const OF_A_CHECK: [&str; 7] =
+    ["gaps", "gap_places", "duplicates", "incarnations", "undecodable", "problem", "gaps_before"];
+
+/// What is known of a recording; `null` for what only a check tells, where there was none.
+fn as_json(recording: &Recording, contents: &Contents, check: Option<&Check>) -> Value {
+    let mut topics: Vec<Value> = match check {
+        Some(check) => check.topics.iter().map(|topic| json!(topic)).collect(),
+        None => contents.topics.iter().map(|topic| unchecked(recording, topic)).collect(),
     };
-    let topics: Vec<Value> = check.topics.iter().map(topic).collect();
+    for (value, topic) in topics.iter_mut().zip(&contents.topics) {
+        value["rate_hz"] = json!(topic.rate_hz());
+    }
+    let damage = check.map_or(&recording.damage, |check| &check.damage);
+    let (complete, ended_cleanly) = (recording.tail.complete, recording.ended_as_expected());
+    let data_lost = match check {
+        Some(check) => Some(check.data_lost()),
+        None => {
+            let dropped = contents.topics.iter().any(|topic| recording.dropped(&topic.topic) > 0);
+            (dropped || !ended_cleanly || !damage.is_empty()).then_some(true)
+        }
+    };
     let metadata: Vec<Value> = recording
         .metadata_records
         .iter()
@@ -280,19 +312,30 @@ fn as_json(recording: &Recording, check: &Check) -> Value {
         "chunks": recording.blocks(),
         "library": recording.library,
         "start_is_guarded": recording.start_is_guarded(),
-        "data_lost": check.data_lost(),
-        "complete": check.complete,
-        "ended_cleanly": check.ended_cleanly,
+        "verified": check.is_some(),
+        "data_lost": data_lost,
+        "complete": complete,
+        "ended_cleanly": ended_cleanly,
         "tail": {"lost_bytes": recording.tail.lost, "reason": recording.tail.reason},
-        "damage": check.damage,
-        "ticks": check.ticks,
-        "simulated_card": check.simulated,
-        "filled_in": check.filled_in,
+        "damage": damage,
+        "ticks": check.and_then(|check| check.ticks),
+        "simulated_card": check.map(|check| check.simulated),
+        "filled_in": check.and_then(|check| check.filled_in),
         "topics": topics,
         "metadata": metadata,
-        "began_ns": check.origin_ns,
+        "began_ns": contents.origin_ns,
         "being_written": recording.tail.being_written,
     })
+}
+
+/// A topic of which only the summary told.
+fn unchecked(recording: &Recording, topic: &TopicContents) -> Value {
+    let mut value = json!(topic);
+    value["dropped"] = json!(recording.dropped(&topic.topic));
+    for key in OF_A_CHECK {
+        value[key] = Value::Null;
+    }
+    value
 }
 
 #[cfg(test)]

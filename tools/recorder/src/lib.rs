@@ -64,6 +64,7 @@ mod monitored;
 mod muscles;
 mod names;
 mod output;
+mod progress;
 mod recorded_events;
 mod replacements;
 mod resimulation;

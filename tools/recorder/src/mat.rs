@@ -11,17 +11,19 @@ use std::path::{Path, PathBuf};
 
 use anyhow::bail;
 use ipc_types::{BARS, Event, EventKind, Performance, SessionOutcome};
-use recording::mcap_read::Recording;
+use recording::column::{Column, Storage};
+use recording::mcap_read::{Recording, Selection};
 use recording::mcap_write::key;
 
 use crate::DATA_LOST;
 use crate::all_parts::AllParts;
 use crate::ended_sessions::{EndedSession, bar_updates, ended_sessions};
-use crate::mat_file::{Value, encode};
+use crate::mat_file::{Value, write_mat};
 use crate::muscles::{Muscles, muscles};
-use crate::output::{none_exists, write_new};
+use crate::output::{beside, new_file, none_exists};
+use crate::progress::Progress;
 use crate::recorded_events::recorded_events;
-use crate::samples::Samples;
+use crate::samples::StoredSamples;
 use crate::signals::Signal;
 
 /// Files of a session that was stopped again and again are numbered up to here.
@@ -56,16 +58,20 @@ pub(crate) fn export(file: &Path, name: &Path, out: &mut dyn Write) -> anyhow::R
     let paths: Vec<&Path> = stretches.iter().map(|(path, _)| path.as_path()).collect();
     none_exists(&paths)?;
     let mut code = crate::exit_code_of_tail(&recording);
+    let all = Selection::default();
+    let progress = Progress::of([&recording], &all, stretches.len(), false);
     for (path, stretch) in &stretches {
-        let data = stretch.samples(&recording)?;
-        let samples = data.times_ns.len();
-        write(&recording, stretch, data, path)?;
-        writeln!(out, "{}: {samples} samples", path.display())?;
+        let storage = Storage::Folder(beside(path).to_owned());
+        let data = stretch.samples(&recording, &storage)?;
+        let samples = data.len();
+        write(&recording, stretch, data, &storage, path)?;
+        progress.beside(|| writeln!(out, "{}: {samples} samples", path.display()))?;
         let lost = |session: &EndedSession| session.result.samples_missed > 0;
         if stretch.session.is_some_and(lost) {
             code = DATA_LOST;
         }
     }
+    drop(progress);
     let left_out = sessions.len().saturating_sub(stretches.len());
     if left_out > 0 {
         writeln!(out, "{left_out} left out, as they were interrupted and begun again")?;
@@ -118,12 +124,13 @@ pub fn write_session(
     };
     let Some(session) = sessions.iter().find(fits) else { return Ok(None) };
     let stretch = Stretch::of(session);
-    let data = stretch.samples(&recording)?;
+    let storage = Storage::Folder(beside(name).to_owned());
+    let data = stretch.samples(&recording, &storage)?;
     if !data.beyond {
         return Ok(None);
     }
     let path = free_path(name, session);
-    write(&recording, &stretch, data, &path)?;
+    write(&recording, &stretch, data, &storage, &path)?;
     Ok(Some(path))
 }
 
@@ -182,8 +189,8 @@ impl<'a> Stretch<'a> {
         self.begun_ns <= at_ns && at_ns < self.ended_ns
     }
 
-    fn samples(&self, recording: &Recording) -> anyhow::Result<Samples> {
-        Samples::read(recording, self.begun_ns..self.ended_ns)
+    fn samples(&self, recording: &Recording, storage: &Storage) -> anyhow::Result<StoredSamples> {
+        StoredSamples::read(recording, self.begun_ns..self.ended_ns, storage)
     }
 }
 
@@ -191,21 +198,26 @@ impl<'a> Stretch<'a> {
 fn write(
     recording: &Recording,
     stretch: &Stretch<'_>,
-    data: Samples,
+    data: StoredSamples,
+    storage: &Storage,
     path: &Path,
 ) -> anyhow::Result<()> {
-    let muscles = muscles(recording, &data, &(stretch.begun_ns..stretch.ended_ns))?;
-    let Samples { rig, signals, times_ns, columns, .. } = data;
-    let Some(first_ns) = times_ns.first().copied() else {
+    let muscles = muscles(recording, &data, &(stretch.begun_ns..stretch.ended_ns), storage)?;
+    let samples = data.len();
+    if samples == 0 {
         bail!("{}: no samples for {}", recording.path().display(), path.display());
-    };
-    let begun_ns = if stretch.session.is_some() { stretch.begun_ns } else { first_ns };
+    }
+    let StoredSamples { rig, signals, first, times, columns, .. } = data;
+    let begun_ns = if stretch.session.is_some() { stretch.begun_ns } else { first.at_ns };
     let seconds = |at_ns: u64| (at_ns as f64 - begun_ns as f64) * 1e-9;
-    let time: Vec<f64> = times_ns.iter().map(|at_ns| seconds(*at_ns)).collect();
-    let samples = time.len();
+    let mut time = Column::new(storage);
+    let mut since_first = times.cursor();
+    for row in 0..samples {
+        time.push(seconds(first.at_ns + since_first.at(row)? as u64))?;
+    }
     let texts = |of: fn(&Signal) -> &str| Value::texts(signals.iter().map(of).map(str::to_owned));
     let variables = [
-        ("time", Value::column(time)),
+        ("time", Value::Matrix(samples, vec![time])),
         ("output", Value::Matrix(samples, columns)),
         ("names", texts(|signal| &signal.name)),
         ("units", texts(|signal| &signal.unit)),
@@ -216,7 +228,7 @@ fn write(
     ];
     let version = recording.metadata(key::VERSION).unwrap_or("?");
     let description = format!("MATLAB 5.0 MAT-file, written by farreach {version}");
-    write_new(path, encode(&description, &variables)?)
+    new_file(path, |out| write_mat(&description, &variables, out))
 }
 
 /// Who, what, when, and how it ended.
@@ -296,8 +308,8 @@ fn bar(
     });
     let bars = stretch.session.map_or(BARS, |session| usize::from(session.result.bars)).min(BARS);
     let of = |values: fn(&Performance) -> &[f64; BARS]| {
-        let one = |at: usize| updates.iter().map(|shown| values(shown)[at]).collect();
-        Value::Matrix(updates.len(), (0..bars).map(one).collect())
+        let one = |at: usize| updates.iter().map(|shown| values(shown)[at]).collect::<Vec<_>>();
+        Value::Matrix(updates.len(), (0..bars).map(|at| one(at).into()).collect())
     };
     let times = updates.iter().map(|shown| seconds(shown.at_ns)).collect();
     Ok(Value::Structure(vec![

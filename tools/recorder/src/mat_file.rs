@@ -2,13 +2,16 @@
 //!
 //! Own code, as the crates that write such files drop characters that are not ASCII.
 
+use std::io::{self, Write};
+
 use anyhow::bail;
+use recording::column::Column;
 
 /// A value of a variable.
-#[derive(Clone, Debug)]
+#[derive(Debug)]
 pub(crate) enum Value {
-    /// Rows, and one list of that length for each column.
-    Matrix(usize, Vec<Vec<f64>>),
+    /// Rows, and the columns, each of that length.
+    Matrix(usize, Vec<Column>),
     /// A row of characters; one beyond the basic plane of Unicode becomes U+FFFD.
     Text(String),
     /// A column of cells.
@@ -34,13 +37,19 @@ const DOUBLE_CLASS: u8 = 6;
 const HEADER_TEXT: usize = 116;
 /// Bytes for the name of a field, with the zero at its end.
 const FIELD_NAME: usize = 32;
+/// Bytes of an element's type and length.
+const TAG: usize = 8;
+/// Bytes of a number.
+const BYTES: usize = size_of::<f64>();
+/// Numbers that are written at a time.
+const PIECE: usize = 8 * 1024;
 /// Largest variable that every reader of the format accepts (bytes).
 const LARGEST: usize = 0x7fff_ffff;
 
 impl Value {
     /// A column of numbers.
     pub(crate) fn column(values: Vec<f64>) -> Self {
-        Self::Matrix(values.len(), vec![values])
+        Self::Matrix(values.len(), vec![values.into()])
     }
 
     /// A column of texts.
@@ -61,84 +70,139 @@ impl From<&str> for Value {
     }
 }
 
-/// A whole file with these variables; `description` is its first line, of which 116 ASCII
+/// Writes a whole file with these variables; `description` is its first line, of which 116 ASCII
 /// characters are kept.
 ///
 /// # Errors
-/// Where a variable is larger than 2 GiB.
-pub(crate) fn encode(description: &str, variables: &[(&str, Value)]) -> anyhow::Result<Vec<u8>> {
-    let ascii = description.chars().map(|c| if c.is_ascii_graphic() { c as u8 } else { b' ' });
-    let mut bytes: Vec<u8> = ascii.take(HEADER_TEXT).collect();
-    bytes.resize(HEADER_TEXT, b' ');
-    // No data of subsystems, version 1.0, and the mark of little-endian files.
-    bytes.extend([0; 8]);
-    bytes.extend(0x0100_u16.to_le_bytes());
-    bytes.extend(b"IM");
+/// Where a variable is larger than 2 GiB, before anything is written; those of the output and of
+/// the columns.
+pub(crate) fn write_mat(
+    description: &str,
+    variables: &[(&str, Value)],
+    out: &mut dyn Write,
+) -> anyhow::Result<()> {
     for (name, value) in variables {
-        let element = array(name, value);
-        if element.len() > LARGEST {
+        let bytes = size(name, value);
+        if bytes > LARGEST {
             bail!(
-                "`{name}` has {} bytes, and a variable of a MATLAB file at most {LARGEST}: cut the \
-                 recording (`farreach rec cut`)",
-                element.len()
+                "`{name}` has {bytes} bytes, and a variable of a MATLAB file at most {LARGEST}: \
+                 cut the recording (`farreach rec cut`)"
             );
         }
-        bytes.extend(element);
     }
-    Ok(bytes)
+    let ascii = description.chars().map(|c| if c.is_ascii_graphic() { c as u8 } else { b' ' });
+    let mut header: Vec<u8> = ascii.take(HEADER_TEXT).collect();
+    header.resize(HEADER_TEXT, b' ');
+    // No data of subsystems, version 1.0, and the mark of little-endian files.
+    header.extend([0; 8]);
+    header.extend(0x0100_u16.to_le_bytes());
+    header.extend(b"IM");
+    out.write_all(&header)?;
+    for (name, value) in variables {
+        write_array(name, value, out)?;
+    }
+    Ok(())
 }
 
-/// A data element: type, length, data, and zeros up to a multiple of eight bytes.
-fn element(kind: u32, data: &[u8]) -> Vec<u8> {
-    let mut bytes = Vec::with_capacity(16 + data.len());
-    bytes.extend(kind.to_le_bytes());
-    bytes.extend((data.len() as u32).to_le_bytes());
-    bytes.extend(data);
-    bytes.resize(bytes.len().next_multiple_of(8), 0);
-    bytes
+/// Bytes of a data element with so many bytes of data: type, length, data, and zeros up to a
+/// multiple of eight bytes.
+const fn element_size(data: usize) -> usize {
+    TAG + data.next_multiple_of(8)
 }
 
-/// An array of a class: its flags, dimensions and name, and what follows them.
-fn of_class(class: u8, size: (usize, usize), name: &str, contents: Vec<u8>) -> Vec<u8> {
-    let dimensions = [size.0 as i32, size.1 as i32].map(i32::to_le_bytes).concat();
-    let mut body = element(UINT32, &[class, 0, 0, 0, 0, 0, 0, 0]);
-    body.extend(element(INT32, &dimensions));
-    body.extend(element(INT8, name.as_bytes()));
-    body.extend(contents);
-    element(MATRIX, &body)
+fn write_tag(kind: u32, length: usize, out: &mut dyn Write) -> io::Result<()> {
+    out.write_all(&kind.to_le_bytes())?;
+    out.write_all(&(length as u32).to_le_bytes())
 }
 
-fn array(name: &str, value: &Value) -> Vec<u8> {
+fn write_element(kind: u32, data: &[u8], out: &mut dyn Write) -> io::Result<()> {
+    write_tag(kind, data.len(), out)?;
+    out.write_all(data)?;
+    out.write_all(&[0; 8][..data.len().next_multiple_of(8) - data.len()])
+}
+
+/// Bytes of an array with its name.
+fn size(name: &str, value: &Value) -> usize {
+    let contents = match value {
+        Value::Matrix(_, columns) => element_size(BYTES * numbers(columns)),
+        Value::Text(text) => element_size(wide(text).len()),
+        Value::Cell(values) => values.iter().map(|value| size("", value)).sum(),
+        Value::Structure(fields) => {
+            let names = TAG + element_size(fields.len() * FIELD_NAME);
+            names + fields.iter().map(|(_, value)| size("", value)).sum::<usize>()
+        }
+    };
+    TAG + head_size(name) + contents
+}
+
+/// Bytes of what is in front of an array's contents: its flags, dimensions and name.
+const fn head_size(name: &str) -> usize {
+    2 * element_size(8) + element_size(name.len())
+}
+
+fn numbers(columns: &[Column]) -> usize {
+    columns.iter().map(Column::len).sum()
+}
+
+/// A text as readers can count it: in characters of 16 bits. All of them know UTF-8, unlike UTF-16.
+fn wide(text: &str) -> String {
+    let wide = |c: char| if c.len_utf16() > 1 { char::REPLACEMENT_CHARACTER } else { c };
+    text.chars().map(wide).collect()
+}
+
+fn write_array(name: &str, value: &Value, out: &mut dyn Write) -> io::Result<()> {
+    let text = match value {
+        Value::Text(text) => wide(text),
+        _ => String::new(),
+    };
+    let (class, rows, columns) = match value {
+        Value::Matrix(rows, columns) => (DOUBLE_CLASS, *rows, columns.len()),
+        Value::Text(_) => (CHAR_CLASS, usize::from(!text.is_empty()), text.chars().count()),
+        Value::Cell(values) => (CELL_CLASS, values.len(), 1),
+        Value::Structure(_) => (STRUCT_CLASS, 1, 1),
+    };
+    write_tag(MATRIX, size(name, value) - TAG, out)?;
+    write_element(UINT32, &[class, 0, 0, 0, 0, 0, 0, 0], out)?;
+    let dimensions = [rows as i32, columns as i32].map(i32::to_le_bytes).concat();
+    write_element(INT32, &dimensions, out)?;
+    write_element(INT8, name.as_bytes(), out)?;
     match value {
-        Value::Matrix(rows, columns) => {
-            let numbers: Vec<u8> =
-                columns.iter().flatten().flat_map(|number| number.to_le_bytes()).collect();
-            of_class(DOUBLE_CLASS, (*rows, columns.len()), name, element(DOUBLE, &numbers))
+        Value::Matrix(_, columns) => {
+            write_tag(DOUBLE, BYTES * numbers(columns), out)?;
+            for column in columns {
+                write_numbers(column, out)?;
+            }
+            Ok(())
         }
-        Value::Text(text) => {
-            // Readers count characters of 16 bits; all of them know UTF-8, unlike UTF-16.
-            let wide = |c: char| if c.len_utf16() > 1 { char::REPLACEMENT_CHARACTER } else { c };
-            let text: String = text.chars().map(wide).collect();
-            let size = (usize::from(!text.is_empty()), text.chars().count());
-            of_class(CHAR_CLASS, size, name, element(UTF8, text.as_bytes()))
-        }
-        Value::Cell(values) => {
-            let cells = values.iter().flat_map(|value| array("", value)).collect();
-            of_class(CELL_CLASS, (values.len(), 1), name, cells)
-        }
+        Value::Text(_) => write_element(UTF8, text.as_bytes(), out),
+        Value::Cell(values) => values.iter().try_for_each(|value| write_array("", value, out)),
         Value::Structure(fields) => {
             // The length of the names is a small element: length and type share four bytes.
-            let mut contents = (4 << 16 | INT32).to_le_bytes().to_vec();
-            contents.extend((FIELD_NAME as u32).to_le_bytes());
+            out.write_all(&(4 << 16 | INT32).to_le_bytes())?;
+            out.write_all(&(FIELD_NAME as u32).to_le_bytes())?;
             let mut names = Vec::with_capacity(fields.len() * FIELD_NAME);
             for (name, _) in fields {
                 let mut field: Vec<u8> = name.bytes().take(FIELD_NAME - 1).collect();
                 field.resize(FIELD_NAME, 0);
                 names.extend(field);
             }
-            contents.extend(element(INT8, &names));
-            contents.extend(fields.iter().flat_map(|(_, value)| array("", value)));
-            of_class(STRUCT_CLASS, (1, 1), name, contents)
+            write_element(INT8, &names, out)?;
+            fields.iter().try_for_each(|(_, value)| write_array("", value, out))
         }
     }
+}
+
+/// Writes the numbers of a column, a piece at a time.
+fn write_numbers(column: &Column, out: &mut dyn Write) -> io::Result<()> {
+    let mut values = vec![0.0; PIECE.min(column.len())];
+    let mut at = 0;
+    while at < column.len() {
+        let length = values.len().min(column.len() - at);
+        column.read(at, &mut values[..length])?;
+        let bytes: Vec<u8> =
+            values[..length].iter().flat_map(|value| value.to_le_bytes()).collect();
+        out.write_all(&bytes)?;
+        at += length;
+    }
+    Ok(())
 }

@@ -3,7 +3,7 @@
 use ipc_types::{
     AXES, Event, EventKind, MODEL_STATE, ModelSite, ModelState, NewestModel, Process, event_topic,
 };
-use recording::mcap_read::Recording;
+use recording::mcap_read::{ReadError, Recorded, Recording};
 use report::Colour;
 use serde::Serialize;
 
@@ -91,36 +91,95 @@ pub(crate) struct Monitored {
 }
 
 impl Monitored {
-    /// Reads it; empty where no monitor ran.
+    /// Reads it; empty where no monitor ran. Of the states, which come all the time, only the
+    /// newest ones and those before departures are read.
     ///
     /// # Errors
-    /// Those of reading.
+    /// Those of reading; a damaged chunk is none.
     pub(crate) fn read(recording: &Recording) -> anyhow::Result<Self> {
-        let mut states = Vec::new();
-        for message in recording.messages_if_any::<ModelState>(MODEL_STATE.topic.name)? {
-            states.push(message?.message);
-        }
-        let (began_ns, mut newest, mut sites) =
-            (recording.began_monotonic_ns(), NewestModel::default(), Sites::default());
-        let (mut events, mut waiting) = (Vec::new(), states.iter().peekable());
+        let (began_ns, mut newest) = (recording.began_monotonic_ns(), NewestModel::default());
+        let (mut events, mut blind) = (Vec::new(), [false; AXES]);
         let topic = event_topic(Process::Monitor).map_or("", |topic| topic.topic.name);
         for message in recording.messages_if_any::<Event>(topic)? {
-            let event: Event = message?.message;
-            while let Some(state) = waiting.next_if(|state| state.time_ns <= event.time_ns) {
-                sites.see(state);
-            }
+            let Some(Recorded { log_time_ns, message: event }) = unless_damaged(message)? else {
+                continue;
+            };
             newest.see_event(&event);
+            let kind = EventKind::from_code(event.kind);
+            if kind == Some(EventKind::NotMonitored)
+                && let Some(blind) = blind.get_mut(event.a as usize)
+            {
+                *blind = true;
+            }
             if is_of_the_model(event.kind) {
                 let t_s = (event.time_ns as f64 - began_ns as f64) * 1e-9;
+                let mut sites = Sites::default();
+                if kind == Some(EventKind::ModelDeparted) {
+                    state_before(recording, &event, log_time_ns)?
+                        .iter()
+                        .for_each(|state| sites.see(state));
+                }
                 events.push(Happened::new(&event, t_s, &sites));
             }
         }
-        states.iter().for_each(|state| newest.see_state(state));
+        let now_ns = newest_states(recording, blind, &mut newest)?;
         // Without a rate: how long ago it was says nothing here.
-        let now_ns = states.last().map_or(0, |state| state.time_ns);
         let last = newest.status(None, now_ns).iter().map(|axis| axis.sentence()).collect();
         Ok(Self { events, last })
     }
+}
+
+/// What a damaged chunk holds is left out: the check of the whole recording tells of it.
+fn unless_damaged<T>(read: Result<T, ReadError>) -> Result<Option<T>, ReadError> {
+    match read {
+        Ok(read) => Ok(Some(read)),
+        Err(ReadError::Damaged { .. }) => Ok(None),
+        Err(error) => Err(error),
+    }
+}
+
+/// The newest state of an event's axis when it happened.
+fn state_before(
+    recording: &Recording,
+    event: &Event,
+    log_time_ns: u64,
+) -> anyhow::Result<Option<ModelState>> {
+    let until_ns = Some(log_time_ns.saturating_add(1));
+    for state in recording.backward::<ModelState>(MODEL_STATE.topic.name, until_ns)? {
+        let Some(Recorded { message: state, .. }) = unless_damaged(state)? else { continue };
+        if usize::from(state.axis) == event.a as usize && state.time_ns <= event.time_ns {
+            return Ok(Some(state));
+        }
+    }
+    Ok(None)
+}
+
+/// Shows the newest state of each axis; returns the time of the newest of all (ns). An axis that
+/// is not monitored has none to look for.
+fn newest_states(
+    recording: &Recording,
+    blind: [bool; AXES],
+    newest: &mut NewestModel,
+) -> anyhow::Result<u64> {
+    let named = |axis: &usize| recording.metadata(&format!("axis.{axis}.name")).is_some();
+    let axes = match (0..AXES).filter(named).count() {
+        0 => AXES,
+        axes => axes,
+    };
+    let (mut seen, mut now_ns) = ([false; AXES], None);
+    for state in recording.backward::<ModelState>(MODEL_STATE.topic.name, None)? {
+        let Some(Recorded { message: state, .. }) = unless_damaged(state)? else { continue };
+        now_ns.get_or_insert(state.time_ns);
+        if let Some(seen) = seen.get_mut(usize::from(state.axis))
+            && !std::mem::replace(seen, true)
+        {
+            newest.see_state(&state);
+        }
+        if (0..axes).all(|axis| seen[axis] || blind[axis]) {
+            break;
+        }
+    }
+    Ok(now_ns.unwrap_or(0))
 }
 
 /// Not that the process started or ended.

@@ -1,15 +1,17 @@
 //! The electrodes of a stretch of a recording, filtered without delay.
 
+use std::io;
 use std::ops::Range;
 
 use anyhow::Context;
-use emg::{InVolume, offline_artefact, zero_phase};
+use emg::{InVolume, Signal, ZeroPhase, offline_artefact_of};
 use ipc_types::{ANALOG, EMG_MAXIMUM, EmgMaximum};
+use recording::column::{Column, Storage};
 use recording::mcap_read::Recording;
 use rig::{Channel, ChannelKind, RigFile};
 use scanner::{TimingLine, VolumeTime};
 
-use crate::samples::Samples;
+use crate::samples::StoredSamples;
 use crate::signals::Source;
 use crate::volumes::volume_times;
 
@@ -30,19 +32,58 @@ pub(crate) struct Muscles {
     pub(crate) muscles: Vec<String>,
     pub(crate) groups: Vec<&'static str>,
     /// After suppression of the gradient artefact, band-pass and notch.
-    pub(crate) filtered: Vec<Vec<f64>>,
+    pub(crate) filtered: Vec<Column>,
     /// Envelopes of their magnitudes.
-    pub(crate) envelope: Vec<Vec<f64>>,
+    pub(crate) envelope: Vec<Column>,
     /// Maxima in voluntary contractions; NaN where there are none.
     pub(crate) maximum: Vec<f64>,
     /// For each electrode the share of the samples from which an artefact was subtracted.
     pub(crate) suppressed: Vec<f64>,
 }
 
-/// A scan about a stretch of samples.
+/// The volumes of a scan about a stretch of samples.
 struct Scan {
     repetition_s: f64,
-    places: Vec<Option<InVolume>>,
+    /// When each began (ns, CLOCK_MONOTONIC).
+    volumes: Vec<u64>,
+}
+
+impl Scan {
+    /// The place of an instant in its volume.
+    fn place(&self, at_ns: u64) -> Option<InVolume> {
+        let next = self.volumes.partition_point(|volume| *volume <= at_ns);
+        let begun_ns = *self.volumes.get(next.checked_sub(1)?)?;
+        let since_s = (at_ns - begun_ns) as f64 * 1e-9;
+        // After the last volume, and before a pause, one is as long as the others.
+        let length_s = self.volumes.get(next).map(|end_ns| (end_ns - begun_ns) as f64 * 1e-9);
+        let regular = |length_s: &f64| (length_s / self.repetition_s - 1.0).abs() < REGULAR;
+        let until_s = length_s.filter(regular).unwrap_or(self.repetition_s) - since_s;
+        (until_s > 0.0).then_some(InVolume { since_s, until_s })
+    }
+}
+
+/// A signal whose values are in a column.
+struct Kept(Column);
+
+impl Signal for Kept {
+    type Error = io::Error;
+
+    fn empty(&self) -> Self {
+        Self(self.0.another())
+    }
+
+    fn length(&self) -> usize {
+        self.0.len()
+    }
+
+    fn push(&mut self, value: f64) -> io::Result<()> {
+        self.0.push(value)
+    }
+
+    fn reader(&self) -> impl FnMut(usize) -> io::Result<f64> {
+        let mut cursor = self.0.cursor();
+        move |at| cursor.at(at)
+    }
 }
 
 /// Filters the electrodes as the rig file says, in the samples that were taken in `times` (ns,
@@ -50,51 +91,37 @@ struct Scan {
 /// filters the one before it; a sample that is missing is left out.
 ///
 /// # Errors
-/// Where samples or volumes cannot be read, or a filter not be made.
+/// Where samples or volumes cannot be read, or a filter not be made, and those of the storage.
 pub(crate) fn muscles(
     recording: &Recording,
-    samples: &Samples,
+    samples: &StoredSamples,
     times: &Range<u64>,
+    storage: &Storage,
 ) -> anyhow::Result<Muscles> {
     let how = &samples.rig.emg;
     let scan = match how.artefact_volumes {
         0 => None,
-        volumes => around(recording, samples, times, volumes + MORE_VOLUMES)?,
+        volumes => around(recording, samples, times, volumes + MORE_VOLUMES, storage)?,
     };
     let (samples, scan) = match &scan {
         Some((wide, scan)) => (wide, Some(scan)),
         None => (samples, None),
     };
-    let kept = samples.times_ns.partition_point(|at_ns| *at_ns < times.start)
-        ..samples.times_ns.partition_point(|at_ns| *at_ns < times.end);
+    let kept = samples.from_time(times.start)?..samples.from_time(times.end)?;
     let rate_hz = f64::from(samples.rig.rates.acquisition_hz);
     let maxima = maxima(recording, times.end)?;
     let mut found = Muscles::default();
     for (signal, column) in samples.signals.iter().zip(&samples.columns) {
         let Source::Analog(input, _) = signal.source else { continue };
         let Some(channel) = electrode(&samples.rig, input) else { continue };
-        let mut values = column.clone();
-        let mut suppressed = 0;
-        if let Some(Scan { repetition_s, places }) = scan {
-            let volumes = how.artefact_volumes;
-            let artefact = offline_artefact(volumes, rate_hz, *repetition_s, &values, places);
-            for (value, artefact) in values.iter_mut().zip(&artefact) {
-                *value -= artefact.unwrap_or(0.0);
-            }
-            suppressed = artefact[kept.clone()].iter().flatten().count();
-        }
-        let mut before = 0.0;
-        for value in &mut values {
-            if value.is_finite() {
-                before = *value;
-            }
-            *value = before;
-        }
-        let activity = zero_phase(how, rate_hz, &values).context("[emg] of the rig file")?;
-        let finite = |value: f64, raw: &f64| if raw.is_finite() { value } else { f64::NAN };
-        let each = || activity[kept.clone()].iter().zip(&column[kept.clone()]);
-        found.filtered.push(each().map(|(a, raw)| finite(a.filtered, raw)).collect());
-        found.envelope.push(each().map(|(a, raw)| finite(a.envelope, raw)).collect());
+        let filters = ZeroPhase::new(how, rate_hz).context("[emg] of the rig file")?;
+        let artefact = scan.map(|scan| artefact(samples, scan, column, rate_hz)).transpose()?;
+        let (values, suppressed) = without(column, artefact.as_ref(), &kept)?;
+        drop(artefact);
+        let (filtered, envelope) = filters.run(&values)?;
+        drop(values);
+        found.filtered.push(where_read(&filtered.0, column, &kept)?);
+        found.envelope.push(where_read(&envelope.0, column, &kept)?);
         found.suppressed.push(suppressed as f64 / kept.len().max(1) as f64);
         let maximum = maxima.get(input).copied().filter(|maximum| *maximum > 0.0);
         found.maximum.push(maximum.unwrap_or(f64::NAN));
@@ -102,6 +129,68 @@ pub(crate) fn muscles(
         found.units.push(channel.unit.clone());
         found.muscles.push(channel.muscle.clone());
         found.groups.push(channel.group.map_or("", emg::Group::word));
+    }
+    Ok(found)
+}
+
+/// The scanner's artefact in a column; NaN where there is none.
+fn artefact(
+    samples: &StoredSamples,
+    scan: &Scan,
+    column: &Column,
+    rate_hz: f64,
+) -> io::Result<Kept> {
+    let mut times = samples.times.cursor();
+    let place = |at| -> io::Result<Option<InVolume>> {
+        Ok(scan.place(samples.first.at_ns + times.at(at)? as u64))
+    };
+    let values = Kept(copy(column)?);
+    let volumes = samples.rig.emg.artefact_volumes;
+    offline_artefact_of(volumes, rate_hz, scan.repetition_s, &values, place)
+}
+
+fn copy(column: &Column) -> io::Result<Column> {
+    let mut copied = column.another();
+    let mut values = column.cursor();
+    for at in 0..column.len() {
+        copied.push(values.at(at)?)?;
+    }
+    Ok(copied)
+}
+
+/// A column without its artefact, each value that is not finite being the one before it; and the
+/// number of those of the `kept` ones from which an artefact was subtracted.
+fn without(
+    column: &Column,
+    artefact: Option<&Kept>,
+    kept: &Range<usize>,
+) -> io::Result<(Kept, usize)> {
+    let (mut values, mut artefact) = (column.cursor(), artefact.map(|own| own.0.cursor()));
+    let (mut clean, mut before, mut suppressed) = (column.another(), 0.0, 0);
+    for at in 0..column.len() {
+        let mut value = values.at(at)?;
+        if let Some(artefact) = &mut artefact {
+            let own = artefact.at(at)?;
+            if !own.is_nan() {
+                value -= own;
+                suppressed += usize::from(kept.contains(&at));
+            }
+        }
+        if value.is_finite() {
+            before = value;
+        }
+        clean.push(before)?;
+    }
+    Ok((Kept(clean), suppressed))
+}
+
+/// The kept values; NaN where the card's was not finite.
+fn where_read(values: &Column, card: &Column, kept: &Range<usize>) -> io::Result<Column> {
+    let mut found = values.another();
+    let (mut values, mut card) = (values.cursor(), card.cursor());
+    for at in kept.clone() {
+        let value = values.at(at)?;
+        found.push(if card.at(at)?.is_finite() { value } else { f64::NAN })?;
     }
     Ok(found)
 }
@@ -133,14 +222,15 @@ fn electrode(rig: &RigFile, input: usize) -> Option<&Channel> {
     rig.channel_at(input).filter(|channel| channel.kind == ChannelKind::Emg)
 }
 
-/// The samples of a stretch and of so many volumes before and after it, with their places in the
-/// scan; `None` where there is no scan, or no electrode.
+/// The samples of a stretch and of so many volumes before and after it, with the scan; `None` where
+/// there is no scan, or no electrode.
 fn around(
     recording: &Recording,
-    samples: &Samples,
+    samples: &StoredSamples,
     times: &Range<u64>,
     more: u32,
-) -> anyhow::Result<Option<(Samples, Scan)>> {
+    storage: &Storage,
+) -> anyhow::Result<Option<(StoredSamples, Scan)>> {
     if samples.rig.channels.iter().all(|channel| channel.kind != ChannelKind::Emg) {
         return Ok(None);
     }
@@ -151,19 +241,8 @@ fn around(
     );
     let Some(repetition_s) = repetition_s(&volumes) else { return Ok(None) };
     let margin_ns = (f64::from(more) * repetition_s * 1e9) as u64;
-    let wide = Samples::read(recording, wide(margin_ns))?;
-    let place = |at_ns: &u64| {
-        let next = volumes.partition_point(|volume| volume <= at_ns);
-        let begun_ns = *volumes.get(next.checked_sub(1)?)?;
-        let since_s = (at_ns - begun_ns) as f64 * 1e-9;
-        // After the last volume, and before a pause, one is as long as the others.
-        let length_s = volumes.get(next).map(|end_ns| (end_ns - begun_ns) as f64 * 1e-9);
-        let regular = |length_s: &f64| (length_s / repetition_s - 1.0).abs() < REGULAR;
-        let until_s = length_s.filter(regular).unwrap_or(repetition_s) - since_s;
-        (until_s > 0.0).then_some(InVolume { since_s, until_s })
-    };
-    let places = wide.times_ns.iter().map(place).collect();
-    Ok(Some((wide, Scan { repetition_s, places })))
+    let wide = StoredSamples::read(recording, wide(margin_ns), storage)?;
+    Ok(Some((wide, Scan { repetition_s, volumes })))
 }
 
 /// The beginnings of volumes without the jitter of their pulses, where all of them lie along a

@@ -1,9 +1,12 @@
 //! The output of a command.
 
-use std::io::{self, Write};
+use std::io::{self, BufWriter, IntoInnerError, Write};
 use std::path::Path;
 
 use anyhow::{Context, bail};
+
+/// Written at a time (bytes).
+const PIECE: usize = 128 << 10;
 
 /// Refuses where one of the files to be written is there already, before any is written.
 pub(crate) fn none_exists(paths: &[&Path]) -> anyhow::Result<()> {
@@ -23,6 +26,26 @@ pub(crate) fn taken(path: &Path) -> bool {
 pub(crate) fn write_new(path: &Path, contents: impl AsRef<[u8]>) -> anyhow::Result<()> {
     files::create_new(path, contents)
         .with_context(|| format!("{}: cannot create; files are never overwritten", path.display()))
+}
+
+/// The folder that a file is in.
+pub(crate) fn beside(path: &Path) -> &Path {
+    path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
+}
+
+/// As [`write_new`], of a file that is longer than the memory.
+pub(crate) fn new_file(
+    path: &Path,
+    write: impl FnOnce(&mut dyn Write) -> anyhow::Result<()>,
+) -> anyhow::Result<()> {
+    let cannot = || format!("{}: cannot create; files are never overwritten", path.display());
+    let file = files::written(path, b"").with_context(cannot)?;
+    let mut output = BufWriter::with_capacity(PIECE, file);
+    write(&mut output)?;
+    let file = output.into_inner().map_err(IntoInnerError::into_error).with_context(cannot)?;
+    file.as_file().sync_all().with_context(cannot)?;
+    file.persist_noclobber(path).map_err(|error| error.error).with_context(cannot)?;
+    Ok(())
 }
 
 /// Discards what is written once the reader has closed the pipe (`farreach rec verify FILE | head

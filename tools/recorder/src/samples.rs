@@ -1,9 +1,11 @@
 //! The samples of a stretch of a recording, in columns.
 
+use std::io;
 use std::ops::Range;
 
 use ipc_types::{CardKind, SAMPLE, Sample};
-use recording::mcap_read::Recording;
+use recording::column::{Column, Storage};
+use recording::mcap_read::{Recorded, Recording};
 use rig::RigFile;
 
 use crate::signals::{Signal, Source, rig_file, signals};
@@ -22,24 +24,19 @@ pub struct AxisColumns<'a> {
     pub motor_v: &'a [f64],
 }
 
-/// The samples of a stretch: a column for each signal.
+/// The samples of a stretch in memory: a column for each signal.
 #[derive(Debug)]
 pub struct Samples {
     /// The rig file of the recording.
     pub rig: RigFile,
-    pub(crate) signals: Vec<Signal>,
+    signals: Vec<Signal>,
     /// Places of the samples on the grid of acquisition; they rise.
     pub ticks: Vec<u64>,
     /// When each was taken (ns, CLOCK_MONOTONIC).
     pub times_ns: Vec<u64>,
-    pub(crate) columns: Vec<Vec<f64>>,
+    columns: Vec<Vec<f64>>,
     /// Whether the card was simulated.
     pub simulated: bool,
-    /// Whether a sample after the stretch is there, and so all of its own that there will be.
-    pub(crate) beyond: bool,
-    /// Samples that are missing before the first one of the stretch, since the one before it, and
-    /// after the last one: they may belong to the stretch.
-    pub(crate) missing_around: u64,
 }
 
 impl Samples {
@@ -48,44 +45,19 @@ impl Samples {
     /// # Errors
     /// Where the recording has no samples or no rig file, or cannot be read.
     pub fn read(recording: &Recording, times: Range<u64>) -> anyhow::Result<Self> {
-        let rig = rig_file(recording)?;
-        let signals = signals(&rig);
-        let mut samples = Self {
-            columns: vec![Vec::new(); signals.len()],
-            rig,
-            signals,
-            ticks: Vec::new(),
-            times_ns: Vec::new(),
-            simulated: false,
-            beyond: false,
-            missing_around: 0,
+        let read = StoredSamples::read(recording, times, &Storage::Memory)?;
+        let since = |first: u64, column: Column| -> io::Result<Vec<u64>> {
+            let rows = column.into_vec()?.into_iter();
+            Ok(rows.map(|since| first + since as u64).collect())
         };
-        let mut before: Option<u64> = None;
-        for message in recording.messages::<Sample>(SAMPLE.topic.name)? {
-            let sample = message?.message;
-            if sample.scan_time_ns < times.start {
-                before = Some(sample.tick);
-            }
-            if sample.scan_time_ns >= times.end && !samples.beyond {
-                samples.beyond = true;
-                samples.missing_around += missing_between(samples.ticks.last(), sample.tick);
-            }
-            // A merged recording may hold a sample twice.
-            let repeated = samples.times_ns.last().is_some_and(|last| sample.scan_time_ns <= *last)
-                || samples.ticks.last().is_some_and(|last| sample.tick <= *last);
-            if !repeated && times.contains(&sample.scan_time_ns) {
-                if samples.ticks.is_empty() {
-                    samples.missing_around += missing_between(before.as_ref(), sample.tick);
-                }
-                samples.push(&sample);
-            }
-        }
-        Ok(samples)
-    }
-
-    /// The longest gap between two samples, in ticks.
-    pub(crate) fn longest_gap(&self) -> u64 {
-        self.ticks.windows(2).map(|pair| pair[1] - pair[0]).max().unwrap_or(0)
+        Ok(Self {
+            rig: read.rig,
+            signals: read.signals,
+            ticks: since(read.first.tick, read.ticks)?,
+            times_ns: since(read.first.at_ns, read.times)?,
+            columns: read.columns.into_iter().map(Column::into_vec).collect::<io::Result<_>>()?,
+            simulated: read.simulated,
+        })
     }
 
     /// The measurements of an axis; `None` where the rig has no such axis.
@@ -101,20 +73,163 @@ impl Samples {
             motor_v: column(Source::MotorVolts(axis))?,
         })
     }
+}
 
-    fn push(&mut self, sample: &Sample) {
-        self.simulated |= sample.backend == CardKind::Simulated.code();
-        self.ticks.push(sample.tick);
-        self.times_ns.push(sample.scan_time_ns);
-        for (column, signal) in self.columns.iter_mut().zip(&self.signals) {
-            column.push(signal.value(sample));
+/// Place of a sample on the grid of acquisition, and when it was taken (ns, CLOCK_MONOTONIC).
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Instant {
+    pub(crate) tick: u64,
+    pub(crate) at_ns: u64,
+}
+
+/// The samples of a stretch, which may be longer than the memory: a column for each signal.
+#[derive(Debug)]
+pub(crate) struct StoredSamples {
+    /// The rig file of the recording.
+    pub(crate) rig: RigFile,
+    pub(crate) signals: Vec<Signal>,
+    /// The first sample and the last one; zeros where there is none.
+    pub(crate) first: Instant,
+    pub(crate) last: Instant,
+    /// Ticks since the first one; they rise.
+    pub(crate) ticks: Column,
+    /// When each sample was taken, since the first one (ns).
+    pub(crate) times: Column,
+    pub(crate) columns: Vec<Column>,
+    /// Whether the card was simulated.
+    pub(crate) simulated: bool,
+    /// Whether a sample after the stretch is there, and so all of its own that there will be.
+    pub(crate) beyond: bool,
+    /// Samples that are missing before the first one of the stretch, since the one before it, and
+    /// after the last one: they may belong to the stretch.
+    pub(crate) missing_around: u64,
+    /// The longest gap between two samples, in ticks.
+    pub(crate) longest_gap: u64,
+}
+
+impl StoredSamples {
+    /// Those that were taken in `times` (ns, CLOCK_MONOTONIC).
+    ///
+    /// # Errors
+    /// Where the recording has no samples or no rig file, or cannot be read, and those of the
+    /// storage.
+    pub(crate) fn read(
+        recording: &Recording,
+        times: Range<u64>,
+        storage: &Storage,
+    ) -> anyhow::Result<Self> {
+        let rig = rig_file(recording)?;
+        let signals = signals(&rig);
+        let mut samples = Self {
+            columns: signals.iter().map(|_| Column::new(storage)).collect(),
+            rig,
+            signals,
+            first: Instant::default(),
+            last: Instant::default(),
+            ticks: Column::new(storage),
+            times: Column::new(storage),
+            simulated: false,
+            beyond: false,
+            missing_around: 0,
+            longest_gap: 0,
+        };
+        let mut before: Option<u64> = None;
+        recording.each(
+            SAMPLE.topic.name,
+            |Recorded { message: sample, .. }: Recorded<Sample>| {
+                let newest = samples.newest();
+                if sample.scan_time_ns < times.start {
+                    before = Some(sample.tick);
+                }
+                if sample.scan_time_ns >= times.end && !samples.beyond {
+                    samples.beyond = true;
+                    let last = newest.map(|newest| newest.tick);
+                    samples.missing_around += missing_between(last, sample.tick);
+                }
+                // A merged recording may hold a sample twice.
+                let repeated = newest.is_some_and(|newest| {
+                    sample.scan_time_ns <= newest.at_ns || sample.tick <= newest.tick
+                });
+                if repeated || !times.contains(&sample.scan_time_ns) {
+                    return Ok::<(), anyhow::Error>(());
+                }
+                if newest.is_none() {
+                    samples.missing_around += missing_between(before, sample.tick);
+                }
+                samples.push(&sample)
+            },
+        )?;
+        Ok(samples)
+    }
+
+    /// Number of samples.
+    pub(crate) fn len(&self) -> usize {
+        self.ticks.len()
+    }
+
+    fn newest(&self) -> Option<Instant> {
+        (!self.ticks.is_empty()).then_some(self.last)
+    }
+
+    fn push(&mut self, sample: &Sample) -> anyhow::Result<()> {
+        let taken = Instant { tick: sample.tick, at_ns: sample.scan_time_ns };
+        match self.newest() {
+            Some(newest) => self.longest_gap = self.longest_gap.max(taken.tick - newest.tick),
+            None => self.first = taken,
         }
+        self.last = taken;
+        self.simulated |= sample.backend == CardKind::Simulated.code();
+        self.ticks.push((taken.tick - self.first.tick) as f64)?;
+        self.times.push((taken.at_ns - self.first.at_ns) as f64)?;
+        for (column, signal) in self.columns.iter_mut().zip(&self.signals) {
+            column.push(signal.value(sample))?;
+        }
+        Ok(())
+    }
+
+    /// The first sample that was taken at this time or later (ns, CLOCK_MONOTONIC); their number
+    /// where there is none.
+    pub(crate) fn from_time(&self, at_ns: u64) -> io::Result<usize> {
+        let mut times = self.times.cursor();
+        let (mut low, mut high) = (0, self.len());
+        while low < high {
+            let middle = low.midpoint(high);
+            if self.first.at_ns + (times.at(middle)? as u64) < at_ns {
+                low = middle + 1;
+            } else {
+                high = middle;
+            }
+        }
+        Ok(low)
+    }
+
+    /// Goes through an even table from the first tick to the last: `row` gets the number of each
+    /// and the index of its sample; `None` where it is missing.
+    ///
+    /// # Errors
+    /// Those of the storage and of `row`.
+    pub(crate) fn rows(
+        &self,
+        mut row: impl FnMut(u64, Option<usize>) -> anyhow::Result<()>,
+    ) -> anyhow::Result<()> {
+        let mut ticks = self.ticks.cursor();
+        let mut number = 0;
+        for index in 0..self.len() {
+            let tick = ticks.at(index)? as u64;
+            while number < tick {
+                row(number, None)?;
+                number += 1;
+            }
+            row(number, Some(index))?;
+            number += 1;
+        }
+        Ok(())
     }
 }
 
 /// Ticks between one sample and the next.
-fn missing_between(before: Option<&u64>, next: u64) -> u64 {
-    before.map_or(0, |before| next.saturating_sub(*before).saturating_sub(1))
+fn missing_between(before: Option<u64>, next: u64) -> u64 {
+    before.map_or(0, |before| next.saturating_sub(before).saturating_sub(1))
 }
 
 /// For each row of an even table from the first tick to the last the index of its sample; `None`

@@ -272,7 +272,8 @@ fn merge_refuses_different_rigs_unless_forced() {
     let (a, b, out) = (dir.text("a.mcap"), dir.text("b.mcap"), dir.text("out.mcap"));
     let words = ["merge", &a, &b, "-o", &out];
     let error = fails(&words);
-    assert!(error.contains("a.mcap") && error.contains("rig emps"), "{error}");
+    let expected = "rig (`rig` in the metadata): expected hydrostatic as in ";
+    assert!(error.contains(expected) && error.contains("a.mcap, found emps"), "{error}");
     assert!(!dir.path("out.mcap").exists());
     assert_eq!(rec(&[&words[..], &["--force"]].concat()).0, DONE);
 }

@@ -59,8 +59,8 @@ pub(super) fn write(
         });
     }
     let mut volumes = 0;
-    table(run, file("physio.tsv.gz"), staged, |row, index, cells| {
-        cells.extend(inputs.iter().map(|at| number(run.value(*at, index))));
+    table(run, &inputs, file("physio.tsv.gz"), staged, |row, values, cells| {
+        cells.extend(values.iter().map(|value| number(*value)));
         if run.scan {
             let at_ns = run.time_of_row(row);
             volumes += run.volumes[volumes..].iter().take_while(|volume| **volume <= at_ns).count();
@@ -115,7 +115,7 @@ fn seen_by_subject(
         columns.push(column(format!("value_{bar}"), value, None));
     }
     let mut next = 0;
-    table(run, file("stim.tsv.gz"), staged, |row, _, cells| {
+    table(run, &[], file("stim.tsv.gz"), staged, |row, _, cells| {
         let at_ns = run.time_of_row(row);
         next += shown[next..].iter().take_while(|message| message.at_ns <= at_ns).count();
         let newest = next.checked_sub(1).map(|at| &shown[at]);
@@ -134,28 +134,30 @@ fn seen_by_subject(
 /// Writes a packed table, as [`write_rows`].
 fn table(
     run: &Run<'_>,
+    signals: &[usize],
     file: PathBuf,
     staged: &mut Staged,
-    cells: impl FnMut(u64, Option<usize>, &mut Vec<String>),
+    cells: impl FnMut(u64, &[f64], &mut Vec<String>),
 ) -> anyhow::Result<()> {
     let mut packed = GzEncoder::new(staged.create(file)?, Compression::default());
-    write_rows(run, &mut packed, cells)?;
+    write_rows(run, signals, &mut packed, cells)?;
     Ok(packed.finish()?.flush()?)
 }
 
-/// Writes the rows of a table: `cells` gets the number of each, and the index of its sample.
+/// Writes the rows of a table: `cells` gets the number of each, and its values of these signals.
 pub(super) fn write_rows(
     run: &Run<'_>,
+    signals: &[usize],
     out: &mut impl Write,
-    mut cells: impl FnMut(u64, Option<usize>, &mut Vec<String>),
+    mut cells: impl FnMut(u64, &[f64], &mut Vec<String>),
 ) -> anyhow::Result<()> {
     let mut row = Vec::new();
-    for (number, index) in (0..).zip(run.indices()) {
-        cells(number, index, &mut row);
+    run.each_row(signals, |number, _, values| {
+        cells(number, values, &mut row);
         writeln!(out, "{}", row.join("\t"))?;
         row.clear();
-    }
-    Ok(())
+        Ok(())
+    })
 }
 
 fn sidecar(run: &Run<'_>, columns: &[Column]) -> Value {

@@ -2,6 +2,7 @@
 
 use std::io::Write;
 
+use recording::column::Column;
 use rig::{Channel, ChannelKind};
 use serde_json::json;
 
@@ -93,15 +94,17 @@ fn write_signals(
     staged: &mut Staged,
 ) -> anyhow::Result<()> {
     let labels: Vec<String> = channels.iter().map(|(_, channel)| label(channel)).collect();
+    let rows = even_rows(run, channels)?;
     let signals: Vec<BdfSignal<'_>> = channels
         .iter()
         .zip(&labels)
-        .map(|((at, channel), label)| BdfSignal {
+        .zip(rows)
+        .map(|(((_, channel), label), values)| BdfSignal {
             label,
             unit: &channel.unit,
             transducer: &channel.muscle,
             range: channel.range_v * channel.per_v,
-            values: run.indices().map(|index| run.value(*at, index)).collect(),
+            values,
         })
         .collect();
     let mut annotations: Vec<BdfAnnotation> = events::rows(run)
@@ -112,9 +115,9 @@ fn write_signals(
             text: row.in_words(),
         })
         .collect();
-    annotations.extend(missing(run));
+    annotations.extend(missing(run)?);
     for (at, channel) in channels {
-        annotations.extend(not_read(run, *at, label(channel)));
+        annotations.extend(not_read(run, *at, &label(channel))?);
     }
     let header = BdfHeader {
         subject: &names.subject,
@@ -127,11 +130,29 @@ fn write_signals(
     Ok(file.flush()?)
 }
 
+/// The values of each channel in an even table.
+fn even_rows(run: &Run<'_>, channels: &[(usize, &Channel)]) -> anyhow::Result<Vec<Column>> {
+    let signals: Vec<usize> = channels.iter().map(|(at, _)| *at).collect();
+    let mut columns: Vec<Column> = signals.iter().map(|_| Column::new(&run.storage)).collect();
+    run.each_row(&signals, |_, _, values| {
+        for (column, value) in columns.iter_mut().zip(values) {
+            column.push(*value)?;
+        }
+        Ok(())
+    })?;
+    Ok(columns)
+}
+
 /// The stretches without samples, which the file has as zeros; the last record is filled up so.
-fn missing(run: &Run<'_>) -> Vec<BdfAnnotation> {
+fn missing(run: &Run<'_>) -> anyhow::Result<Vec<BdfAnnotation>> {
     let rate_hz = u64::from(run.rate_hz());
     let filled = run.rows().next_multiple_of(rate_hz) - run.rows();
-    let mut notes = stretches(run, run.indices().map(|index| index.is_none()), "samples missing");
+    let mut missing = Stretches::default();
+    run.each_row(&[], |row, there, _| {
+        missing.see(row, !there);
+        Ok(())
+    })?;
+    let mut notes = missing.notes(run, "samples missing");
     if filled > 0 {
         notes.push(BdfAnnotation {
             onset_s: run.rows() as f64 / rate_hz as f64,
@@ -139,30 +160,42 @@ fn missing(run: &Run<'_>) -> Vec<BdfAnnotation> {
             text: "after the end".to_owned(),
         });
     }
-    notes
+    Ok(notes)
 }
 
 /// The stretches in which the card did not read a channel.
-fn not_read(run: &Run<'_>, at: usize, label: String) -> Vec<BdfAnnotation> {
-    let column = &run.samples.columns[at];
-    let absent = run.indices().map(|index| index.is_some_and(|index| !column[index].is_finite()));
-    stretches(run, absent, &format!("{label} not read"))
+fn not_read(run: &Run<'_>, at: usize, label: &str) -> anyhow::Result<Vec<BdfAnnotation>> {
+    let mut absent = Stretches::default();
+    run.each_row(&[at], |row, there, values| {
+        absent.see(row, there && !values.iter().all(|value| value.is_finite()));
+        Ok(())
+    })?;
+    Ok(absent.notes(run, &format!("{label} not read")))
 }
 
-/// A note on each stretch of rows that have something.
-fn stretches(run: &Run<'_>, rows: impl Iterator<Item = bool>, text: &str) -> Vec<BdfAnnotation> {
-    let mut found: Vec<(u64, u64)> = Vec::new();
-    for (row, _) in (0u64..).zip(rows).filter(|(_, has)| *has) {
-        match found.last_mut() {
+/// Stretches of rows that have something: first row and number of rows.
+#[derive(Default)]
+struct Stretches(Vec<(u64, u64)>);
+
+impl Stretches {
+    fn see(&mut self, row: u64, has: bool) {
+        if !has {
+            return;
+        }
+        match self.0.last_mut() {
             Some((begun, length)) if *begun + *length == row => *length += 1,
-            _ => found.push((row, 1)),
+            _ => self.0.push((row, 1)),
         }
     }
-    let rate_hz = f64::from(run.rate_hz());
-    let note = |(begun, length): (u64, u64)| BdfAnnotation {
-        onset_s: begun as f64 / rate_hz,
-        duration_s: length as f64 / rate_hz,
-        text: text.to_owned(),
-    };
-    found.into_iter().map(note).collect()
+
+    /// A note on each stretch.
+    fn notes(self, run: &Run<'_>, text: &str) -> Vec<BdfAnnotation> {
+        let rate_hz = f64::from(run.rate_hz());
+        let note = |(begun, length): (u64, u64)| BdfAnnotation {
+            onset_s: begun as f64 / rate_hz,
+            duration_s: length as f64 / rate_hz,
+            text: text.to_owned(),
+        };
+        self.0.into_iter().map(note).collect()
+    }
 }

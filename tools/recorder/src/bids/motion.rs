@@ -22,8 +22,8 @@ pub(super) fn write(run: &Run<'_>, names: &Names, staged: &mut Staged) -> anyhow
         return Ok(false);
     }
     let mut table = staged.create(names.tracking(SYSTEM, "motion.tsv"))?;
-    write_rows(run, &mut table, |_, index, cells| {
-        cells.extend(positions.iter().map(|at| number(run.value(*at, index))));
+    write_rows(run, &positions, &mut table, |_, values, cells| {
+        cells.extend(values.iter().map(|value| number(*value)));
     })?;
     table.flush()?;
     let mut channels = staged.create(names.tracking(SYSTEM, "channels.tsv"))?;

@@ -1,14 +1,17 @@
 //! One run of a protocol, as a recording has it.
 
+use std::io;
+
 use anyhow::bail;
 use ipc_types::Event;
+use recording::column::{Column, Storage, nth};
 use recording::mcap_read::Recording;
 use recording::mcap_write::key;
 use rig::protocol::Protocol;
 
 use crate::ended_sessions::{EndedSession, ended_sessions};
 use crate::runs::Stretch;
-use crate::samples::{Samples, rows_of};
+use crate::samples::StoredSamples;
 use crate::volumes::volume_times;
 
 /// Longest gap between two samples that is filled with rows (s).
@@ -21,7 +24,9 @@ pub(super) struct Run<'a> {
     pub(super) protocol_text: &'a str,
     /// What the protocol says of itself.
     pub(super) description: String,
-    pub(super) samples: Samples,
+    pub(super) samples: StoredSamples,
+    /// Where columns are kept.
+    pub(super) storage: Storage,
     pub(super) events: Vec<Event>,
     pub(super) sessions: Vec<EndedSession>,
     /// The kind of each segment that was to be played; empty where the protocol cannot be read.
@@ -36,11 +41,11 @@ pub(super) struct Run<'a> {
     pub(super) first_ns: u64,
     /// When the run ended (ns, CLOCK_MONOTONIC).
     pub(super) ended_ns: u64,
-    first_tick: u64,
 }
 
 impl<'a> Run<'a> {
-    /// `first_volume` is the number of the first volume that the scanner stored, from 0.
+    /// `first_volume` is the number of the first volume that the scanner stored, from 0; columns
+    /// are kept in `storage`.
     ///
     /// # Errors
     /// Where the stretch has no samples, or that volume was not counted.
@@ -48,17 +53,17 @@ impl<'a> Run<'a> {
         recording: &'a Recording,
         stretch: Stretch<'a>,
         first_volume: Option<u64>,
+        storage: &Storage,
     ) -> anyhow::Result<Self> {
-        let samples = Samples::read(recording, stretch.times_ns.clone())?;
-        let (Some(&first_tick), Some(&last_ns)) = (samples.ticks.first(), samples.times_ns.last())
-        else {
+        let samples = StoredSamples::read(recording, stretch.times_ns.clone(), storage)?;
+        if samples.len() == 0 {
             bail!(
                 "{}: no samples of {} were recorded",
                 recording.path().display(),
                 stretch.protocol
             );
-        };
-        let longest_s = samples.longest_gap() as f64 / f64::from(samples.rig.rates.acquisition_hz);
+        }
+        let longest_s = samples.longest_gap as f64 / f64::from(samples.rig.rates.acquisition_hz);
         if longest_s > LONGEST_GAP_S {
             bail!(
                 "{}: it has a gap of {longest_s:.0} s: cut the recording there (`farreach rec \
@@ -67,7 +72,7 @@ impl<'a> Run<'a> {
             );
         }
         let scan = volume_times(recording, &stretch.times_ns)?;
-        let first_ns = even_grid(&samples, first_tick);
+        let first_ns = even_grid(&samples)?;
         let wanted = first_volume.unwrap_or(0);
         let volumes: Vec<u64> =
             scan.iter().filter(|(number, _)| *number >= wanted).map(|(_, at_ns)| *at_ns).collect();
@@ -103,11 +108,11 @@ impl<'a> Run<'a> {
             first_ns,
             // Where the protocol's end was not recorded, the last sample.
             ended_ns: match stretch.times_ns.end {
-                u64::MAX => last_ns + 1,
+                u64::MAX => samples.last.at_ns + 1,
                 end_ns => end_ns,
             },
-            first_tick,
             samples,
+            storage: storage.clone(),
         })
     }
 
@@ -118,12 +123,12 @@ impl<'a> Run<'a> {
 
     /// Samples that were recorded, for each second (Hz).
     pub(super) fn effective_hz(&self) -> f64 {
-        f64::from(self.rate_hz()) * self.samples.ticks.len() as f64 / self.rows() as f64
+        f64::from(self.rate_hz()) * self.samples.len() as f64 / self.rows() as f64
     }
 
     /// Samples from the first to the last, with those that are missing.
-    pub(super) fn rows(&self) -> u64 {
-        self.samples.ticks.last().map_or(0, |last| last - self.first_tick + 1)
+    pub(super) const fn rows(&self) -> u64 {
+        self.samples.last.tick - self.samples.first.tick + 1
     }
 
     /// Samples that are missing.
@@ -131,17 +136,28 @@ impl<'a> Run<'a> {
         let longest = (LONGEST_GAP_S * f64::from(self.rate_hz())) as u64;
         // A longer gap lies between two recordings.
         let around = Some(self.samples.missing_around).filter(|around| *around <= longest);
-        self.rows() - self.samples.ticks.len() as u64 + around.unwrap_or(0)
+        self.rows() - self.samples.len() as u64 + around.unwrap_or(0)
     }
 
-    /// For each row of an even table the index of its sample; `None` where it is missing.
-    pub(super) fn indices(&self) -> impl Iterator<Item = Option<usize>> {
-        rows_of(&self.samples.ticks)
-    }
-
-    /// A signal in a row; NaN where the sample is missing.
-    pub(super) fn value(&self, signal: usize, index: Option<usize>) -> f64 {
-        index.map_or(f64::NAN, |index| self.samples.columns[signal][index])
+    /// Goes through an even table: `row` gets the number of each row, whether its sample is there,
+    /// and its values of these signals; NaN where it is missing.
+    ///
+    /// # Errors
+    /// Those of the storage and of `row`.
+    pub(super) fn each_row(
+        &self,
+        signals: &[usize],
+        mut row: impl FnMut(u64, bool, &[f64]) -> anyhow::Result<()>,
+    ) -> anyhow::Result<()> {
+        let columns = signals.iter().filter_map(|at| self.samples.columns.get(*at));
+        let mut columns: Vec<_> = columns.map(Column::cursor).collect();
+        let mut values = vec![f64::NAN; columns.len()];
+        self.samples.rows(|number, index| {
+            for (value, column) in values.iter_mut().zip(&mut columns) {
+                *value = index.map_or(Ok(f64::NAN), |index| column.at(index))?;
+            }
+            row(number, index.is_some(), &values)
+        })
     }
 
     /// From the first row to the end of the last one (s).
@@ -173,22 +189,20 @@ impl<'a> Run<'a> {
 
 /// When the sample of the first tick was taken, by the median over all samples of how far each lies
 /// from an even grid.
-fn even_grid(samples: &Samples, first_tick: u64) -> u64 {
+fn even_grid(samples: &StoredSamples) -> io::Result<u64> {
     let period_ns = 1e9 / f64::from(samples.rig.rates.acquisition_hz);
-    let Some(&first_ns) = samples.times_ns.first() else { return 0 };
-    let mut offsets: Vec<f64> = samples
-        .ticks
-        .iter()
-        .zip(&samples.times_ns)
-        .map(|(tick, at_ns)| (at_ns - first_ns) as f64 - (tick - first_tick) as f64 * period_ns)
-        .collect();
-    let middle = offsets.len() / 2;
-    let (_, median, _) = offsets.select_nth_unstable_by(middle, f64::total_cmp);
-    first_ns.saturating_add_signed(median.round() as i64)
+    let median = nth(samples.len() / 2, |take| {
+        let (mut times, mut ticks) = (samples.times.cursor(), samples.ticks.cursor());
+        for row in 0..samples.len() {
+            take(times.at(row)? - ticks.at(row)? * period_ns);
+        }
+        Ok::<(), io::Error>(())
+    })?;
+    Ok(samples.first.at_ns.saturating_add_signed(median.round() as i64))
 }
 
 /// The kinds of a protocol's segments, in the order of playing.
-fn segment_kinds(protocol: &Protocol, samples: &Samples) -> Vec<&'static str> {
+fn segment_kinds(protocol: &Protocol, samples: &StoredSamples) -> Vec<&'static str> {
     let segments = protocol.segments_on(&samples.rig);
     protocol.sequence_of(&segments).map(|(_, segment)| segment.movement.kind()).collect()
 }

@@ -52,6 +52,11 @@ impl Staged {
         &self.root
     }
 
+    /// Where files are written apart.
+    pub(super) fn apart(&self) -> &Path {
+        self.apart.path()
+    }
+
     /// Begins a new file of the dataset.
     ///
     /// # Errors

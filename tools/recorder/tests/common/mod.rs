@@ -2,6 +2,7 @@
 #![allow(dead_code, unreachable_pub, clippy::unwrap_used, clippy::expect_used)]
 
 pub mod experiment;
+pub mod long;
 pub mod short;
 
 use std::path::PathBuf;

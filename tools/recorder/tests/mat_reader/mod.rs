@@ -1,5 +1,5 @@
 //! Reads MATLAB files of version 5, as far as the tests need it.
-#![allow(unreachable_pub, clippy::unwrap_used, clippy::expect_used)]
+#![allow(dead_code, unreachable_pub, clippy::unwrap_used, clippy::expect_used)]
 
 use std::collections::BTreeMap;
 
