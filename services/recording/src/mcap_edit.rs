@@ -39,25 +39,8 @@ pub enum EditError {
         source: Box<mcap::McapError>,
     },
     /// Recordings that do not belong together.
-    #[error(
-        "{second_path}: {what} (`{key}` in the metadata): expected {first} as in {first_path}, \
-         found {second}: they are not parts of one recording; merge those of each session on \
-         their own, or all of them with --force"
-    )]
-    Unrelated {
-        /// What differs: rig, rig name, session, rig file or clock offset.
-        what: &'static str,
-        /// Its key in the metadata.
-        key: &'static str,
-        /// One file.
-        first_path: PathBuf,
-        /// Its value.
-        first: String,
-        /// Another file.
-        second_path: PathBuf,
-        /// Its value.
-        second: String,
-    },
+    #[error(transparent)]
+    Unrelated(Box<Unrelated>),
     /// Recordings of the same time.
     #[error(
         "{second_path}: it holds messages of {second_s} since 1970, {first_path} of {first_s}: \
@@ -74,6 +57,28 @@ pub enum EditError {
         /// From when to when (s since 1970).
         second_s: String,
     },
+}
+
+/// An entry of the metadata in which recordings differ that are to become one.
+#[derive(Debug, thiserror::Error)]
+#[error(
+    "{second_path}: {what} (`{key}` in the metadata): expected {first} as in {first_path}, found \
+     {second}: they are not parts of one recording; merge those of each session on their own, or \
+     all of them with --force"
+)]
+pub struct Unrelated {
+    /// What differs: rig, rig name, session, rig file or clock offset.
+    pub what: &'static str,
+    /// Its key in the metadata.
+    pub key: &'static str,
+    /// One file.
+    pub first_path: PathBuf,
+    /// Its value.
+    pub first: String,
+    /// Another file.
+    pub second_path: PathBuf,
+    /// Its value.
+    pub second: String,
 }
 
 /// What was copied and what was not.

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use crate::mcap_edit::EditError;
+use crate::mcap_edit::{EditError, Unrelated};
 use crate::mcap_read::{ReadError, Recording};
 use crate::mcap_write::key;
 
@@ -83,14 +83,14 @@ fn same(
             continue;
         };
         if let Some((expected, found)) = differ(expected, value) {
-            return Err(EditError::Unrelated {
+            return Err(EditError::Unrelated(Box::new(Unrelated {
                 what,
                 key,
                 first_path: first.path().to_owned(),
                 first: expected,
                 second_path: source.path().to_owned(),
                 second: found,
-            });
+            })));
         }
     }
     Ok(())

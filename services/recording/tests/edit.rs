@@ -145,7 +145,7 @@ fn recordings_of_different_rigs_and_sessions_are_not_related() {
     check_related(&[&one, &part]).unwrap();
     for (second, what) in [(&later, "session"), (&other, "rig")] {
         let error = check_related(&[&one, &part, second]).unwrap_err();
-        assert!(matches!(&error, EditError::Unrelated { what: found, .. } if *found == what));
+        assert!(matches!(&error, EditError::Unrelated(found) if found.what == what));
         let text = error.to_string();
         let name = second.path().file_name().unwrap().to_str().unwrap();
         assert!(text.contains("one.mcap") && text.contains(name), "{text}");

@@ -107,7 +107,7 @@ pub(crate) fn muscles(
         Some((wide, scan)) => (wide, Some(scan)),
         None => (samples, None),
     };
-    let kept = samples.from_time(times.start)?..samples.from_time(times.end)?;
+    let kept = samples.first_at(times.start)?..samples.first_at(times.end)?;
     let rate_hz = f64::from(samples.rig.rates.acquisition_hz);
     let maxima = maxima(recording, times.end)?;
     let mut found = Muscles::default();

@@ -189,7 +189,7 @@ impl StoredSamples {
 
     /// The first sample that was taken at this time or later (ns, CLOCK_MONOTONIC); their number
     /// where there is none.
-    pub(crate) fn from_time(&self, at_ns: u64) -> io::Result<usize> {
+    pub(crate) fn first_at(&self, at_ns: u64) -> io::Result<usize> {
         let mut times = self.times.cursor();
         let (mut low, mut high) = (0, self.len());
         while low < high {

@@ -74,7 +74,8 @@ fn tables_have_every_sample() {
     assert_eq!(rec(&words).0, DONE);
     let record = from_csv(&folder.path("record.csv"), &Options::default()).unwrap();
     assert_eq!(record.len(), samples.len());
-    let columns: [(&str, fn(&Sample) -> f64); 4] = [
+    type Read = fn(&Sample) -> f64;
+    let columns: [(&str, Read); 4] = [
         ("master_rad", |sample| sample.master_position[0]),
         ("slave_rad", |sample| sample.slave_position[0]),
         ("slave_torque_nm", |sample| sample.slave_torque[0]),
