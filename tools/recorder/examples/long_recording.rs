@@ -1,5 +1,5 @@
 //! Writes a recording of so many seconds as a rig's logger would, to measure with:
-//! `long_recording FILE SECONDS`. An hour has about 3 GB.
+//! `long_recording FILE SECONDS`. An hour has about 4 GB.
 
 #[path = "../tests/common/long.rs"]
 mod long;
