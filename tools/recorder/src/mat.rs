@@ -7,6 +7,7 @@
 
 use std::collections::BTreeMap;
 use std::io::Write;
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 use anyhow::bail;
@@ -59,10 +60,11 @@ pub(crate) fn export(file: &Path, name: &Path, out: &mut dyn Write) -> anyhow::R
     none_exists(&paths)?;
     let mut code = crate::exit_code_of_tail(&recording);
     let all = Selection::default();
-    let progress = Progress::of([&recording], &all, stretches.len(), false);
-    for (path, stretch) in &stretches {
-        let storage = Storage::Folder(beside(path).to_owned());
-        let data = stretch.samples(&recording, &storage)?;
+    let progress = Progress::of([&recording], &all, 1, false);
+    let storage = Storage::Folder(beside(name).to_owned());
+    let times = stretches.iter().map(|(_, stretch)| stretch.times()).collect();
+    let read = StoredSamples::read_each(&recording, times, &storage)?;
+    for ((path, stretch), data) in stretches.iter().zip(read) {
         let samples = data.len();
         write(&recording, stretch, data, &storage, path)?;
         progress.beside(|| writeln!(out, "{}: {samples} samples", path.display()))?;
@@ -125,7 +127,7 @@ pub fn write_session(
     let Some(session) = sessions.iter().find(fits) else { return Ok(None) };
     let stretch = Stretch::of(session);
     let storage = Storage::Folder(beside(name).to_owned());
-    let data = stretch.samples(&recording, &storage)?;
+    let data = StoredSamples::read(&recording, stretch.times(), &storage)?;
     if !data.beyond {
         return Ok(None);
     }
@@ -189,8 +191,8 @@ impl<'a> Stretch<'a> {
         self.begun_ns <= at_ns && at_ns < self.ended_ns
     }
 
-    fn samples(&self, recording: &Recording, storage: &Storage) -> anyhow::Result<StoredSamples> {
-        StoredSamples::read(recording, self.begun_ns..self.ended_ns, storage)
+    const fn times(&self) -> Range<u64> {
+        self.begun_ns..self.ended_ns
     }
 }
 
@@ -202,7 +204,7 @@ fn write(
     storage: &Storage,
     path: &Path,
 ) -> anyhow::Result<()> {
-    let muscles = muscles(recording, &data, &(stretch.begun_ns..stretch.ended_ns), storage)?;
+    let muscles = muscles(recording, &data, &stretch.times(), storage)?;
     let samples = data.len();
     if samples == 0 {
         bail!("{}: no samples for {}", recording.path().display(), path.display());

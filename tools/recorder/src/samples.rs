@@ -118,9 +118,38 @@ impl StoredSamples {
         times: Range<u64>,
         storage: &Storage,
     ) -> anyhow::Result<Self> {
+        let mut read = Self::empty(recording, storage)?;
+        let mut before = None;
+        recording.each(SAMPLE.topic.name, |found: Recorded<Sample>| {
+            read.take(&found.message, &times, &mut before)
+        })?;
+        Ok(read)
+    }
+
+    /// As [`Self::read`], of several stretches in one pass through the recording.
+    ///
+    /// # Errors
+    /// As [`Self::read`].
+    pub(crate) fn read_each(
+        recording: &Recording,
+        stretches: Vec<Range<u64>>,
+        storage: &Storage,
+    ) -> anyhow::Result<Vec<Self>> {
+        let mut all = Vec::with_capacity(stretches.len());
+        for times in stretches {
+            all.push((Self::empty(recording, storage)?, times, None));
+        }
+        recording.each(SAMPLE.topic.name, |found: Recorded<Sample>| {
+            let mut readings = all.iter_mut();
+            readings.try_for_each(|(read, times, before)| read.take(&found.message, times, before))
+        })?;
+        Ok(all.into_iter().map(|(read, ..)| read).collect())
+    }
+
+    fn empty(recording: &Recording, storage: &Storage) -> anyhow::Result<Self> {
         let rig = rig_file(recording)?;
         let signals = signals(&rig);
-        let mut samples = Self {
+        Ok(Self {
             columns: signals.iter().map(|_| Column::new(storage)).collect(),
             rig,
             signals,
@@ -132,34 +161,37 @@ impl StoredSamples {
             beyond: false,
             missing_around: 0,
             longest_gap: 0,
-        };
-        let mut before: Option<u64> = None;
-        recording.each(
-            SAMPLE.topic.name,
-            |Recorded { message: sample, .. }: Recorded<Sample>| {
-                let newest = samples.newest();
-                if sample.scan_time_ns < times.start {
-                    before = Some(sample.tick);
-                }
-                if sample.scan_time_ns >= times.end && !samples.beyond {
-                    samples.beyond = true;
-                    let last = newest.map(|newest| newest.tick);
-                    samples.missing_around += missing_between(last, sample.tick);
-                }
-                // A merged recording may hold a sample twice.
-                let repeated = newest.is_some_and(|newest| {
-                    sample.scan_time_ns <= newest.at_ns || sample.tick <= newest.tick
-                });
-                if repeated || !times.contains(&sample.scan_time_ns) {
-                    return Ok::<(), anyhow::Error>(());
-                }
-                if newest.is_none() {
-                    samples.missing_around += missing_between(before, sample.tick);
-                }
-                samples.push(&sample)
-            },
-        )?;
-        Ok(samples)
+        })
+    }
+
+    /// Takes the next sample of the recording, where it belongs to the stretch; `before` is the
+    /// tick of the last one before it.
+    fn take(
+        &mut self,
+        sample: &Sample,
+        times: &Range<u64>,
+        before: &mut Option<u64>,
+    ) -> anyhow::Result<()> {
+        let newest = self.newest();
+        if sample.scan_time_ns < times.start {
+            *before = Some(sample.tick);
+        }
+        if sample.scan_time_ns >= times.end && !self.beyond {
+            self.beyond = true;
+            let last = newest.map(|newest| newest.tick);
+            self.missing_around += missing_between(last, sample.tick);
+        }
+        // A merged recording may hold a sample twice.
+        let repeated = newest.is_some_and(|newest| {
+            sample.scan_time_ns <= newest.at_ns || sample.tick <= newest.tick
+        });
+        if repeated || !times.contains(&sample.scan_time_ns) {
+            return Ok(());
+        }
+        if newest.is_none() {
+            self.missing_around += missing_between(*before, sample.tick);
+        }
+        self.push(sample)
     }
 
     /// Number of samples.
