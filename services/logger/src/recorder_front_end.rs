@@ -38,7 +38,7 @@ use recording::word;
 
 pub use crate::state::StartRequest;
 pub use crate::writer_queue::Outcome;
-use crate::writer_queue::{Command, Queue, SLOTS, Shared, Slot};
+use crate::writer_queue::{BYTES, Command, QueueSender, Shared, queue};
 use crate::writer_thread::{Opener, WriterEnd, open_file, run};
 
 /// Why a request was refused.
@@ -79,7 +79,7 @@ struct Count {
 /// Counts messages and hands them to the writer thread; see the module.
 #[derive(Debug)]
 pub struct RecorderFrontEnd {
-    queue: Arc<Queue>,
+    queue: QueueSender,
     shared: Arc<Shared>,
     commands: Sender<Command>,
     outcomes: Receiver<Outcome>,
@@ -102,20 +102,20 @@ impl RecorderFrontEnd {
     /// # Errors
     /// [`RecorderError::Thread`].
     pub fn new(state_directory: Option<PathBuf>) -> Result<Self, RecorderError> {
-        Self::with(state_directory, SLOTS, Box::new(open_file))
+        Self::with(state_directory, BYTES, Box::new(open_file))
     }
 
-    /// As [`Self::new`], with a queue of `slots` messages and another way to open files.
+    /// As [`Self::new`], with a queue of so many bytes and another way to open files.
     ///
     /// # Errors
     /// [`RecorderError::Thread`].
     pub fn with(
         state_directory: Option<PathBuf>,
-        slots: usize,
+        queue_bytes: usize,
         opener: Opener,
     ) -> Result<Self, RecorderError> {
-        let (mut front, end) = Self::unattended(slots);
-        let work = move || run(&end, state_directory.as_deref(), &opener);
+        let (mut front, mut end) = Self::unattended(queue_bytes);
+        let work = move || run(&mut end, state_directory.as_deref(), &opener);
         let thread = std::thread::Builder::new()
             .name("logger-disk".to_owned())
             .spawn(work)
@@ -125,9 +125,9 @@ impl RecorderFrontEnd {
     }
 
     /// Both ends, without a thread at the other.
-    pub(crate) fn unattended(slots: usize) -> (Self, WriterEnd) {
+    pub(crate) fn unattended(queue_bytes: usize) -> (Self, WriterEnd) {
         let counters = || TOPICS.iter().map(|_| AtomicU64::new(0)).collect();
-        let queue = Arc::new(Queue::new(slots.max(1)));
+        let (sender, receiver) = queue(queue_bytes);
         let shared = Arc::new(Shared {
             now_ns: AtomicU64::new(0),
             generation: AtomicU32::new(0),
@@ -136,10 +136,9 @@ impl RecorderFrontEnd {
         });
         let (commands, inbox) = mpsc::channel();
         let (outbox, outcomes) = mpsc::channel();
-        let end =
-            WriterEnd { queue: Arc::clone(&queue), shared: Arc::clone(&shared), inbox, outbox };
+        let end = WriterEnd { queue: receiver, shared: Arc::clone(&shared), inbox, outbox };
         let front = Self {
-            queue,
+            queue: sender,
             shared,
             commands,
             outcomes,
@@ -175,9 +174,9 @@ impl RecorderFrontEnd {
         {
             return;
         }
-        let slot =
-            u16::try_from(topic).ok().and_then(|topic| Slot::new(self.generation, topic, bytes));
-        if slot.is_none_or(|slot| self.queue.push(slot).is_err()) {
+        let queued =
+            u16::try_from(topic).is_ok_and(|topic| self.queue.push(self.generation, topic, bytes));
+        if !queued {
             count.dropped += 1;
         }
     }
@@ -332,7 +331,7 @@ impl RecorderFrontEnd {
         self.recording.is_some()
     }
     /// Messages waiting for the disk.
-    pub fn queued(&self) -> usize {
+    pub fn queued(&self) -> u64 {
         self.queue.len()
     }
     /// Messages of no known topic.

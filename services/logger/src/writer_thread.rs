@@ -11,7 +11,7 @@ use ipc_types::LossCounters;
 use recording::mcap_write::{Start, WriteError, Writer, key};
 
 use crate::state::{self, StartRequest};
-use crate::writer_queue::{Command, Outcome, Queue, Shared, Slot};
+use crate::writer_queue::{Command, Outcome, QueueReceiver, Shared};
 
 /// Sleep when there is nothing to do; the queue holds seconds of messages.
 const IDLE: Duration = Duration::from_millis(5);
@@ -31,7 +31,7 @@ pub(crate) fn open_file(path: &Path, start: &Start, now_ns: u64) -> Result<Write
 /// The writer thread's end of what it shares with the loop.
 #[derive(Debug)]
 pub(crate) struct WriterEnd {
-    pub(crate) queue: Arc<Queue>,
+    pub(crate) queue: QueueReceiver,
     pub(crate) shared: Arc<Shared>,
     pub(crate) inbox: Receiver<Command>,
     pub(crate) outbox: Sender<Outcome>,
@@ -49,18 +49,16 @@ pub(crate) enum Turn {
 }
 
 pub(crate) struct Disk<'a> {
-    end: &'a WriterEnd,
+    end: &'a mut WriterEnd,
     state_directory: Option<&'a Path>,
     opener: &'a Opener,
     writer: Option<Writer>,
     /// of the recording in progress, as it is on the disk
     state: StartRequest,
     generation: u32,
-    /// taken out of the queue before the start command of its recording was read
-    held: Option<Slot>,
 }
 
-pub(crate) fn run(end: &WriterEnd, state_directory: Option<&Path>, opener: &Opener) {
+pub(crate) fn run(end: &mut WriterEnd, state_directory: Option<&Path>, opener: &Opener) {
     let mut disk = Disk::new(end, state_directory, opener);
     loop {
         match disk.turn() {
@@ -74,7 +72,7 @@ pub(crate) fn run(end: &WriterEnd, state_directory: Option<&Path>, opener: &Open
 
 impl<'a> Disk<'a> {
     pub(crate) fn new(
-        end: &'a WriterEnd,
+        end: &'a mut WriterEnd,
         state_directory: Option<&'a Path>,
         opener: &'a Opener,
     ) -> Self {
@@ -85,7 +83,6 @@ impl<'a> Disk<'a> {
             writer: None,
             state: StartRequest::default(),
             generation: 0,
-            held: None,
         }
     }
 
@@ -123,25 +120,27 @@ impl<'a> Disk<'a> {
     /// Writes queued messages, at most `most`; returns how many.
     fn drain(&mut self, most: usize) -> usize {
         for done in 0..most {
-            let Some(slot) = self.held.take().or_else(|| self.end.queue.pop()) else { return done };
-            // Generations wrap: "later" is less than half the range ahead.
-            let ahead = slot.generation.wrapping_sub(self.generation);
+            let Some(header) = self.end.queue.next_header() else { return done };
+            // Generations wrap: "later" is less than half the range ahead. It waits in the queue
+            // for the start command of its recording.
+            let ahead = header.generation.wrapping_sub(self.generation);
             if ahead != 0 && ahead < u32::MAX / 2 {
-                self.held = Some(slot);
                 return done;
             }
-            self.write(&slot);
+            self.write_next();
         }
         most
     }
 
-    fn write(&mut self, slot: &Slot) {
-        let topic = usize::from(slot.topic);
-        let Some(writer) = self.writer.as_mut().filter(|_| slot.generation == self.generation)
+    /// Writes the next message of the queue.
+    fn write_next(&mut self) {
+        let Some((header, message)) = self.end.queue.pop() else { return };
+        let topic = usize::from(header.topic);
+        let Some(writer) = self.writer.as_mut().filter(|_| header.generation == self.generation)
         else {
             // Its file could not be created, or is closed. What belongs to an earlier recording is
             // no loss of this one.
-            if slot.generation == self.generation
+            if header.generation == self.generation
                 && let Some(refused) = self.end.shared.refused.get(topic)
             {
                 refused.fetch_add(1, Ordering::Relaxed);
@@ -149,7 +148,7 @@ impl<'a> Disk<'a> {
             return;
         };
         let sound = writer.error().is_none();
-        let result = writer.write(topic, slot.message());
+        let result = writer.write(topic, message);
         self.publish(topic);
         if let Err(error) = result
             && sound
