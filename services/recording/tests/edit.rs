@@ -10,8 +10,8 @@ use std::path::{Path, PathBuf};
 use common::{OFFSET, command, sample, samples, start, write_file};
 use ipc_types::{COMMAND, Event, EventKind, Message, Process, SAMPLE, Severity, event_topic};
 use recording::mcap_edit::{EditError, check_one_session, check_related, rewrite};
-use recording::mcap_read::{Recording, Selection};
-use recording::mcap_write::{Position, Start, Writer, key};
+use recording::mcap_read::{RawMessage, ReadError, Recording, Selection, in_order_of_time};
+use recording::mcap_write::{FLUSH_NS, Position, Start, Writer, key};
 
 fn fixture(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures").join(name)
@@ -127,6 +127,57 @@ fn merged_parts_are_in_the_order_of_time_and_hold_every_message_once() {
     assert!(check.topics.iter().all(|topic| topic.duplicates == 0), "{:?}", check.topics);
     // what happened long before does not shift the beginning
     assert_eq!(check.origin_ns, Some(sample(0).time_ns + OFFSET as u64));
+}
+
+/// What both ways of reading in the order of time yield, which must be the same: times, and how many
+/// chunks are damaged.
+fn in_order(recording: &Recording) -> (Vec<(u64, u16)>, usize) {
+    let told = |message: &RawMessage| (message.log_time_ns(), message.channel_id());
+    let split = |all: Vec<Result<RawMessage, ReadError>>| {
+        let damaged = all.iter().filter(|message| message.is_err()).count();
+        (all.iter().flatten().map(told).collect::<Vec<_>>(), damaged)
+    };
+    let pulled = split(recording.sorted(Selection::default()).collect());
+    let mut pushed = Vec::new();
+    in_order_of_time(&[recording], &Selection::default(), |_, message| {
+        pushed.push(message);
+        Ok::<(), std::convert::Infallible>(())
+    })
+    .unwrap();
+    assert_eq!(pulled, split(pushed));
+    pulled
+}
+
+#[test]
+fn messages_come_in_the_order_of_time_however_they_lie_in_the_file() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("run.mcap");
+    let mut writer = Writer::create(&path, &start(), 0).unwrap();
+    // Chunks whose times overlap, each backward in itself.
+    for part in 0..10 {
+        for at in (0..200).rev() {
+            writer.write_message(&SAMPLE, &sample(part * 100 + at)).unwrap();
+        }
+        writer.tick((part + 1) * FLUSH_NS).unwrap();
+    }
+    writer.finish(&[]).unwrap();
+    let recording = Recording::open(&path).unwrap();
+    assert!(recording.blocks() >= 10, "{}", recording.blocks());
+    let (times, damaged) = in_order(&recording);
+    let mut sorted = log_times(&recording);
+    assert!(!sorted.is_sorted());
+    sorted.sort_unstable();
+    assert_eq!(times.iter().map(|(time, _)| *time).collect::<Vec<_>>(), sorted);
+    assert_eq!(damaged, 0);
+
+    let mut bytes = fs::read(&path).unwrap();
+    let chunks = mcap::Summary::read(&bytes).unwrap().unwrap().chunk_indexes;
+    let chunk = &chunks[chunks.len() / 2];
+    bytes[(chunk.chunk_start_offset + chunk.chunk_length / 2) as usize] ^= 0x55;
+    fs::write(&path, &bytes).unwrap();
+    let (left, damaged) = in_order(&Recording::open(&path).unwrap());
+    assert_eq!(damaged, 1);
+    assert!(left.is_sorted_by_key(|(time, _)| *time) && left.len() < times.len());
 }
 
 #[test]

@@ -141,7 +141,7 @@ fn list_counts_the_messages_of_a_recording() {
     let row = |name: &str| text.lines().find(|line| line.starts_with(name)).unwrap().to_owned();
     let head = "topic                 from          messages   lost  bytes  type";
     assert_eq!(text.lines().next(), Some(head));
-    let sample = "sample                acquisition        197      3    480  farreach/msg/Sample";
+    let sample = "sample                acquisition        197      3    496  farreach/msg/Sample";
     assert_eq!(row("sample "), sample);
     assert!(row("command ").contains(" 97      3 "), "{text}");
     assert!(row("token ").contains(" 0      0 "), "{text}");

@@ -6,7 +6,7 @@ use ipc_types::{
     COMMAND, ENABLE_LINE, EnableLine, EnableToken, Message, MotorCommand, SAMPLE, SETPOINT, Sample,
     Setpoint, TOKEN,
 };
-use recording::mcap_read::{Channel, ReadError, Recording, Selection};
+use recording::mcap_read::{Channel, ReadError, Recording, Selection, in_order_of_time};
 use recording::schema::Conversion;
 use thiserror::Error;
 
@@ -50,6 +50,37 @@ impl Kind {
         ];
         kinds.into_iter().find(|(own, _)| own.name == topic).map(|(_, kind)| kind)
     }
+
+    /// Hands a message on, unless its body is too short for one.
+    fn hand_on(self, conversion: &Conversion, body: &[u8], take: &mut impl FnMut(Recorded<'_>)) {
+        match self {
+            Self::Sample => {
+                if let Some(message) = conversion.apply::<Sample>(body) {
+                    take(Recorded::Sample(&message));
+                }
+            }
+            Self::Setpoint => {
+                if let Some(message) = conversion.apply::<Setpoint>(body) {
+                    take(Recorded::Setpoint(&message));
+                }
+            }
+            Self::Command => {
+                if let Some(message) = conversion.apply::<MotorCommand>(body) {
+                    take(Recorded::Command(&message));
+                }
+            }
+            Self::Token => {
+                if let Some(message) = conversion.apply::<EnableToken>(body) {
+                    take(Recorded::Token(&message));
+                }
+            }
+            Self::Line => {
+                if let Some(message) = conversion.apply::<EnableLine>(body) {
+                    take(Recorded::Line(&message));
+                }
+            }
+        }
+    }
 }
 
 /// How the messages of a channel are read.
@@ -84,45 +115,22 @@ pub fn read(recording: &Recording, mut take: impl FnMut(Recorded<'_>)) -> Result
         channels.insert(id, (kind, conversion?));
     }
     let wanted = channels.keys().copied().collect();
+    let selection = Selection { channels: Some(wanted), ..Selection::default() };
     let mut damaged = 0;
-    for raw in recording.sorted(Selection { channels: Some(wanted), ..Selection::default() }) {
+    in_order_of_time(&[recording], &selection, |_, raw| {
         let raw = match raw {
             Ok(raw) => raw,
             Err(ReadError::Damaged { .. }) => {
                 damaged += 1;
-                continue;
+                return Ok(());
             }
             Err(error) => return Err(error.into()),
         };
-        let Some((kind, conversion)) = channels.get(&raw.channel_id()) else { continue };
-        let (_, body) = recording.decode(&raw)?;
-        match kind {
-            Kind::Sample => {
-                if let Some(message) = conversion.apply::<Sample>(body) {
-                    take(Recorded::Sample(&message));
-                }
-            }
-            Kind::Setpoint => {
-                if let Some(message) = conversion.apply::<Setpoint>(body) {
-                    take(Recorded::Setpoint(&message));
-                }
-            }
-            Kind::Command => {
-                if let Some(message) = conversion.apply::<MotorCommand>(body) {
-                    take(Recorded::Command(&message));
-                }
-            }
-            Kind::Token => {
-                if let Some(message) = conversion.apply::<EnableToken>(body) {
-                    take(Recorded::Token(&message));
-                }
-            }
-            Kind::Line => {
-                if let Some(message) = conversion.apply::<EnableLine>(body) {
-                    take(Recorded::Line(&message));
-                }
-            }
+        if let Some((kind, conversion)) = channels.get(&raw.channel_id()) {
+            let (_, body) = recording.decode(&raw)?;
+            kind.hand_on(conversion, body, &mut take);
         }
-    }
+        Ok::<(), Error>(())
+    })?;
     Ok(damaged)
 }

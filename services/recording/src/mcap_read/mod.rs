@@ -51,7 +51,7 @@ pub use contents::{Contents, TopicContents};
 pub use filled_in::FilledIn;
 pub use in_order::threads;
 pub use iterate::{Messages, RawMessages, Recorded, Selection};
-pub use sorted::in_order_of_time;
+pub use sorted::{Sorted, in_order_of_time};
 
 use crate::mcap_write::{END_RECORD, RUN_RECORD, START_RECORD, key};
 use crate::schema::{Layout, SchemaError};

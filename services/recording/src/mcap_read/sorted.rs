@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::convert::Infallible;
+use std::iter::Peekable;
 use std::vec::IntoIter;
 
 use super::in_order::in_order;
@@ -36,20 +37,14 @@ pub fn in_order_of_time<E>(
     order.sort_unstable();
     let work = |at: usize, buffer: &mut Vec<u8>| {
         let next = order[at];
-        let recording = sources[next.source];
-        let block = &recording.blocks[next.block];
-        let messages = recording.messages_of(block, selection, buffer).map(|mut messages| {
-            messages.sort_by_key(RawMessage::log_time_ns);
-            messages
-        });
-        (next, messages)
+        (next, sources[next.source].sorted_messages_of(next.block, selection, buffer))
     };
     let mut loaded = Loaded::default();
     in_order(threads(), order.len(), work, |(next, messages)| {
         // No message of this chunk, nor of those that follow, comes before its first one.
         loaded.take_until(Some(next.first_ns), &mut take)?;
         match messages {
-            Ok(messages) => loaded.keep(next.source, next.block, messages.into_iter()),
+            Ok(messages) => loaded.keep(next.source, next.block, messages),
             Err(error) => take(next.source, Err(error))?,
         }
         Ok(())
@@ -57,9 +52,38 @@ pub fn in_order_of_time<E>(
     loaded.take_until(None, &mut take)
 }
 
+/// Messages of one recording in the order of log time, for who takes one at a time: see
+/// [`Recording::sorted`].
+#[derive(Debug)]
+pub struct Sorted<'a> {
+    recording: &'a Recording,
+    selection: Selection,
+    order: Peekable<IntoIter<Next>>,
+    loaded: Loaded,
+    scratch: Vec<u8>,
+}
+
+impl Iterator for Sorted<'_> {
+    type Item = Result<RawMessage, ReadError>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        loop {
+            let first_ns = self.loaded.first_ns();
+            let due = |next: &Next| first_ns.is_none_or(|first_ns| next.first_ns <= first_ns);
+            let Some(next) = self.order.next_if(due) else { return self.loaded.pop().map(Ok) };
+            let messages =
+                self.recording.sorted_messages_of(next.block, &self.selection, &mut self.scratch);
+            match messages {
+                Ok(messages) => self.loaded.keep(next.source, next.block, messages),
+                Err(error) => return Some(Err(error)),
+            }
+        }
+    }
+}
+
 /// What is left of each chunk that was read, in the order of time, by the time of the first message
 /// left, the recording and the chunk.
-#[derive(Default)]
+#[derive(Debug, Default)]
 struct Loaded(BTreeMap<(u64, usize, usize), IntoIter<RawMessage>>);
 
 impl Loaded {
@@ -67,6 +91,19 @@ impl Loaded {
         if let Some(first) = messages.as_slice().first() {
             self.0.insert((first.log_time_ns(), source, block), messages);
         }
+    }
+
+    /// Time of the first message that is left (ns).
+    fn first_ns(&self) -> Option<u64> {
+        self.0.first_key_value().map(|((first_ns, _, _), _)| *first_ns)
+    }
+
+    /// Takes the first message that is left.
+    fn pop(&mut self) -> Option<RawMessage> {
+        let ((_, source, block), mut messages) = self.0.pop_first()?;
+        let first = messages.next();
+        self.keep(source, block, messages);
+        first
     }
 
     /// Hands on all messages before a time (ns), or all.
@@ -99,6 +136,33 @@ impl Loaded {
 }
 
 impl Recording {
+    /// The messages in the order of log time, read as they are asked for, each chunk when its time
+    /// has come. A damaged chunk yields one error. [`in_order_of_time`] is faster, and hands all of
+    /// them on.
+    pub fn sorted(&self, selection: Selection) -> Sorted<'_> {
+        let mut order = self.first_times(0, &selection);
+        order.sort_unstable();
+        Sorted {
+            recording: self,
+            selection,
+            order: order.into_iter().peekable(),
+            loaded: Loaded::default(),
+            scratch: Vec::new(),
+        }
+    }
+
+    /// The messages of a chunk, in the order of log time.
+    fn sorted_messages_of(
+        &self,
+        block: usize,
+        selection: &Selection,
+        buffer: &mut Vec<u8>,
+    ) -> Result<IntoIter<RawMessage>, ReadError> {
+        let mut messages = self.messages_of(&self.blocks[block], selection, buffer)?;
+        messages.sort_by_key(RawMessage::log_time_ns);
+        Ok(messages.into_iter())
+    }
+
     /// The chunks with what is selected, and the time of the first message of each.
     fn first_times(&self, source: usize, selection: &Selection) -> Vec<Next> {
         let wanted = |at: &usize| selection.wants_block(&self.blocks[*at]);
