@@ -72,8 +72,12 @@ class Loop:
 
     def read_cyclictest(self):
         """p50, p99, p99.9 and max from its report."""
-        thread, = json.loads(self.report.read_text())["thread"].values()
+        report = self.report.read_text()
         self.report.unlink()
+        try:
+            thread, = json.loads(report)["thread"].values()
+        except json.JSONDecodeError as error:  # an average of nothing is no number
+            raise RuntimeError("cyclictest did not wake once: is the computer busy?") from error
         self.wakes = thread["cycles"]
         counted = sorted((int(late), count) for late, count in thread["histogram"].items())
         late = [quantile(counted, thread["cycles"], share, thread["max"]) for share in QUANTILES]
