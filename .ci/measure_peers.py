@@ -43,10 +43,11 @@ def cargo(*arguments):
     subprocess.run(["cargo", *map(str, arguments)], check=True, cwd=ROOT)
 
 
-def build_peers():
+def build_peers(options):
     """The programs of tests/peers, among those of the workspace."""
+    less = ["--no-default-features"] if options.without_zenoh else []
     cargo("build", "--release", "--locked", "--manifest-path", PEERS / "Cargo.toml",
-          "--target-dir", ROOT / "target")
+          "--target-dir", ROOT / "target", *less)
 
 
 def python():
@@ -160,10 +161,11 @@ def wipe(name):
 
 def transports(options):
     """Publishing a sample at 2 kHz and reading the newest one, in two processes."""
-    build_peers()
-    found = {transport: [] for transport in TRANSPORTS}
+    build_peers(options)
+    found = {transport: [] for transport in TRANSPORTS
+             if not (options.without_zenoh and transport.startswith("zenoh"))}
     for repeat in range(options.repeats):
-        order = list(TRANSPORTS)
+        order = list(found)
         random.Random(repeat).shuffle(order)
         for transport in order:
             found[transport].append(exchange(transport, two_processors(repeat), options))
@@ -237,7 +239,7 @@ def recording(folder, options):
 
 def writing(options):
     """The same messages by the logger's writer, the crate alone and the library for Python."""
-    build_peers()
+    build_peers(options)
     program, script = RELEASE / "recordings", PEERS / "recordings.py"
     writers = {
         "the logger's writer": [program, "write", "farreach"],
@@ -269,7 +271,7 @@ def writing(options):
 
 def reading(options):
     """`rec info`, `verify` and `export` beside others' readers of the same file."""
-    build_peers()
+    build_peers(options)
     cargo("build", "--release", "--locked", "-p", "farreach")
     farreach, program = options.program, RELEASE / "recordings"
     script = [python(), PEERS / "recordings.py"]
@@ -380,6 +382,8 @@ def add_arguments(parser):
     parser.add_argument("--record-s", type=int, default=120,
                         help="length of the recording that is written and read")
     parser.add_argument("--folder", type=pathlib.Path, help="where recordings are written")
+    parser.add_argument("--without-zenoh", action="store_true",
+                        help="leaves it out; it takes minutes to build")
     parser.add_argument("--profile", default="realtime", choices=("realtime", "best-effort"))
 
 
