@@ -7,6 +7,8 @@
     .ci/measure.py monitor             # lateness with and without the monitor, and what it costs
     .ci/measure.py protocols           # ten protocols of 60 s beside bare loops of 1 ms
     .ci/measure.py demo 31 40          # the demo with these seeds
+    .ci/measure.py harm --minutes 5    # what those who look do to the rig, beside bare loops
+    .ci/measure.py peers               # beside other programs that do the same, in one run
 
 Prints rows of Markdown, with what the host did meanwhile. Let nothing else run beside it. Its rig
 has a name of its own and is taken down in any case.
@@ -26,6 +28,9 @@ import tempfile
 import threading
 import time
 import tomllib
+
+import measure_harm
+import measure_peers
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 MOVEMENT = ["guided-1hz", "--set", "segments.0.duration_s=12"]
@@ -328,8 +333,14 @@ def main():
     seeds = what.add_parser("demo")
     seeds.add_argument("first", type=int)
     seeds.add_argument("last", type=int)
+    arms = what.add_parser("harm")
+    arms.add_argument("--minutes", type=float, default=2.0, help="of each arm")
+    arms.add_argument("--rounds", type=int, default=5, help="repeats of each arm")
+    arms.add_argument("--profile", default="realtime", choices=("realtime", "best-effort"))
+    measure_peers.add_arguments(what.add_parser("peers"))
     options = parser.parse_args()
-    command = {"tune": tune, "monitor": monitor, "protocols": protocols, "demo": demo}
+    command = {"tune": tune, "monitor": monitor, "protocols": protocols, "demo": demo,
+               "harm": measure_harm.harm, "peers": measure_peers.peers}
     with contextlib.ExitStack() as stack:
         folder = options.keep or stack.enter_context(tempfile.TemporaryDirectory())
         pathlib.Path(folder).mkdir(parents=True, exist_ok=True)
