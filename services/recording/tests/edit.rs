@@ -129,8 +129,8 @@ fn merged_parts_are_in_the_order_of_time_and_hold_every_message_once() {
     assert_eq!(check.origin_ns, Some(sample(0).time_ns + OFFSET as u64));
 }
 
-/// What both ways of reading in the order of time yield, which must be the same: times and channels,
-/// and how many chunks are damaged.
+/// What both ways of reading in the order of time yield, which must be the same: times and
+/// channels, and how many chunks are damaged.
 fn in_order(recording: &Recording) -> (Vec<(u64, u16)>, usize) {
     let told = |message: &RawMessage| (message.log_time_ns(), message.channel_id());
     let split = |all: Vec<Result<RawMessage, ReadError>>| {
