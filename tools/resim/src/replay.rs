@@ -29,6 +29,10 @@ pub struct OtherAxes {
     pub found: usize,
 }
 
+/// Longest time from the start of a program to the logger's event about it (s): the logger looks
+/// twenty times a second, and a host that stalls holds it up.
+const TOLD_LATE_S: f64 = 0.5;
+
 /// A stretch of time in which a program of somebody else's was started in place of a process.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Foreign {
@@ -38,6 +42,16 @@ pub struct Foreign {
     pub from_s: f64,
     /// Until when (s since the recording began).
     pub until_s: f64,
+}
+
+impl Foreign {
+    /// Whether a process whose first recorded message came at a time (s) is such a program;
+    /// `begins` tells whether that message is its first of all. A program that was started in this
+    /// stretch may have begun to publish before the recording was told.
+    fn holds(&self, at_s: f64, begins: bool) -> bool {
+        let told_late_s = if begins { TOLD_LATE_S } else { 0.0 };
+        (self.from_s - told_late_s..self.until_s).contains(&at_s)
+    }
 }
 
 /// Runs the cores again, message by message.
@@ -110,11 +124,10 @@ impl Replay {
     /// Whether the sender of a message is a program of somebody else's: by when it published first.
     fn is_foreign(&mut self, process: Process, message: &impl Message) -> bool {
         let at_s = self.rigs.seconds(message.time_ns());
-        let within = |foreign: &Foreign| {
-            foreign.process == process && (foreign.from_s..foreign.until_s).contains(&at_s)
-        };
+        let begins = message.sequence() == 0;
         let foreign = &self.foreign;
-        *self.known.entry(message.incarnation()).or_insert_with(|| foreign.iter().any(within))
+        let known = || foreign.iter().any(|it| it.process == process && it.holds(at_s, begins));
+        *self.known.entry(message.incarnation()).or_insert_with(known)
     }
 
     /// What was found.
@@ -131,5 +144,19 @@ impl Replay {
             trips: self.watchdog.trips,
             other_gains,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_program_that_began_shortly_before_it_was_told_of_is_foreign() {
+        let foreign = Foreign { process: Process::Control, from_s: 1.0, until_s: 2.0 };
+        assert!(foreign.holds(0.9, true) && foreign.holds(1.5, true));
+        // It ran long before that: the one that was replaced.
+        assert!(!foreign.holds(0.9, false) && foreign.holds(1.5, false));
+        assert!(!foreign.holds(0.4, true) && !foreign.holds(2.0, true));
     }
 }
