@@ -5,7 +5,7 @@
 //! - [`mcap_read`]: reads such files, whole or torn, also those of older builds.
 //! - [`mcap_edit`]: recover, cut and merge.
 //! - [`record`]: a measured record, column by column, checked before use.
-//! - [`column`]: columns that may be longer than the memory.
+//! - [`mod@column`]: columns that may be longer than the memory.
 //! - [`replaced`]: what a recording says of processes in whose place programs of others run.
 //! - [`schema`]: the layout of messages, from the schemas in the recording.
 //!

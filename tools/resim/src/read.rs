@@ -100,7 +100,7 @@ fn conversion<T: Message>(recording: &Recording, channel: &Channel) -> Result<Co
 /// Hands the messages of the cores to `take`; returns how many damaged chunks were left out.
 ///
 /// # Errors
-/// [`Error`].
+/// [`enum@Error`].
 pub fn read(recording: &Recording, mut take: impl FnMut(Recorded<'_>)) -> Result<u64, Error> {
     let mut channels = BTreeMap::new();
     for (&id, channel) in &recording.channels {
