@@ -64,6 +64,8 @@ mod monitored;
 mod muscles;
 mod names;
 mod output;
+mod parquet_export;
+mod parquet_file;
 mod progress;
 mod recorded_events;
 mod replacements;
@@ -73,6 +75,7 @@ mod samples;
 mod sessions;
 mod sessions_figure;
 mod signals;
+mod topic_rows;
 mod volumes;
 
 use std::io::Write;
