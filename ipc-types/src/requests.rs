@@ -75,6 +75,14 @@ pub enum LoggerRequest {
         /// Key and value pairs, see `recording::mcap_write::key`: protocol, its text, subject.
         metadata: Vec<(String, String)>,
     },
+    /// Puts a note into the recording in progress: an event of the logger. Refused where nothing
+    /// is being recorded, or where an event cannot hold both whole.
+    Tag {
+        /// Who gives it.
+        author: String,
+        /// What it says.
+        text: String,
+    },
 }
 
 /// Answer of the logger.

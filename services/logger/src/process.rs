@@ -1,5 +1,6 @@
 //! The process: messages from shared memory to the recorder, requests, counters and events.
 
+mod answers;
 mod machine;
 mod replacements;
 mod reports;
@@ -15,8 +16,8 @@ use std::sync::mpsc::SyncSender;
 use std::time::{Duration, Instant};
 
 use ipc_types::{
-    CLOCK, ClockSync, Event, EventKind, Heartbeat, LOSS, LoggerAnswer, LoggerRequest, LossCounters,
-    Message, Process, Severity, TOPICS,
+    CLOCK, ClockSync, Event, EventKind, Heartbeat, LOSS, LoggerAnswer, LossCounters, Message,
+    Process, Severity, TOPICS,
 };
 use recording::mcap_read::Recording;
 use recording::mcap_write::{Positions, key};
@@ -31,7 +32,7 @@ use crate::state;
 
 use machine::{doctor_report, in_words};
 use replacements::Replacements;
-use requests::{PendingRequest, RequestReceiver};
+use requests::RequestReceiver;
 
 /// Every topic's buffer holds at least 100 ms at its fastest rate, which leaves margin for a late
 /// wake.
@@ -340,44 +341,6 @@ impl Logger {
             let _ = self.recorder.note_run(BTreeMap::new());
         }
         Ok(())
-    }
-
-    fn answer(&mut self, request: PendingRequest) -> Result<(), LoggerError> {
-        let PendingRequest { request, reply } = request;
-        let result = match request {
-            LoggerRequest::Status => {
-                let _ = reply.send(self.recorder.status());
-                return Ok(());
-            }
-            LoggerRequest::Start { path, metadata } => {
-                self.report_replacements()?;
-                let request = self.start_request(path.into(), metadata.into_iter().collect());
-                self.start(request).map(|()| self.start_reply = Some(reply.clone()))
-            }
-            LoggerRequest::Stop => {
-                self.report_replacements()?;
-                // Everything published before the request is in the buffers by now.
-                self.drain()?;
-                self.recorder.stop().map(|()| self.stop_reply = Some(reply.clone()))
-            }
-            LoggerRequest::Run { metadata } => {
-                self.run = metadata.into_iter().collect();
-                self.run.insert(key::TIME_NS.to_owned(), now_ns().to_string());
-                let noted = self.recorder.note_run(self.run.clone());
-                let _ = reply.send(self.recorder.status());
-                noted
-            }
-        };
-        match result {
-            Ok(()) => Ok(()),
-            Err(error @ RecorderError::Thread { .. }) => Err(error.into()),
-            Err(error) => {
-                // Fails only where the client is gone.
-                let _ =
-                    reply.send(LoggerAnswer { error: error.to_string(), ..self.recorder.status() });
-                Ok(())
-            }
-        }
     }
 
     /// Writes the last messages and ends the file. The state is kept: a logger that is started

@@ -197,7 +197,13 @@ fn continues_with_the_next_part(bench: &mut Bench) -> Running {
     assert!(events(&second).contains(&replaced), "{:?}", events(&second));
     let answer = bench.ask(&LoggerRequest::Stop);
     assert!(answer.error.contains("nothing is being recorded"), "{}", answer.error);
+    let answer = bench.ask(&tag("nobody reads this"));
+    assert!(answer.error.contains("nothing is being recorded"), "{}", answer.error);
     logger
+}
+
+fn tag(text: &str) -> LoggerRequest {
+    LoggerRequest::Tag { author: "anna".to_owned(), text: text.to_owned() }
 }
 
 /// A recording that a person begins and ends; a gap in it is reported and counted.
@@ -216,6 +222,9 @@ fn records_on_request(bench: &mut Bench) {
     assert!(answer.error.contains("already recording"), "{}", answer.error);
     let metadata = vec![(key::PROTOCOL.to_owned(), "guided".to_owned())];
     assert_eq!(bench.ask(&LoggerRequest::Run { metadata }).error, "");
+    assert_eq!(bench.ask(&tag("elbow moved")).error, "");
+    let answer = bench.ask(&tag(&"a".repeat(200)));
+    assert!(answer.error.contains("found 206") && answer.recording.is_some(), "{answer:?}");
     bench.replace("{}");
     bench.publish(360..400);
     std::thread::sleep(Duration::from_millis(200));
@@ -232,6 +241,9 @@ fn records_on_request(bench: &mut Bench) {
     );
     assert_eq!(recording.metadata("axis.0.unit"), Some("rad"));
     assert_eq!(recording.metadata(key::REPLACED), Some(r#"{"control":["/bin/a","-x"]}"#));
+    let notes: Vec<_> =
+        events(&third).into_iter().filter(|(kind, _)| *kind == EventKind::Note).collect();
+    assert_eq!(notes, [(EventKind::Note, "anna: elbow moved".to_owned())]);
     let restored = (EventKind::ProcessRestored, "control".to_owned());
     let told = events(&third).into_iter().filter(|event| *event == restored).count();
     assert_eq!(told, 1, "{:?}", events(&third));

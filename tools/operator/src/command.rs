@@ -127,7 +127,7 @@ pub enum Command {
     Fault(FaultArguments),
 }
 
-/// `farreach rec start`, `farreach rec stop`: the recording of a rig that is up.
+/// `farreach rec start`, `farreach rec stop`, `farreach rec tag`: the recording of a rig that is up.
 #[derive(Clone, Debug, Subcommand)]
 pub enum Recording {
     /// Starts recording all topics of a rig that is up
@@ -146,6 +146,20 @@ pub enum Recording {
     /// Stops the recording; returns once everything is on disk. Exit code 3 if messages were lost
     #[command(after_help = "Example:\n  farreach rec stop && farreach rec verify S07.mcap")]
     Stop(OutputFormat),
+    /// Puts a note into the running recording, with time and author: an event, which `rec info`
+    /// lists and exports have
+    #[command(after_help = "Example:\n  farreach rec tag \"subject moved the elbow\"")]
+    Tag {
+        /// What it says: a line
+        #[arg(value_name = "TEXT")]
+        text: String,
+        /// Who says it; the user who calls, if left out
+        #[arg(long, value_name = "NAME")]
+        author: Option<String>,
+        #[command(flatten)]
+        #[allow(missing_docs)]
+        json: OutputFormat,
+    },
 }
 
 /// Reads `KEY=VALUE`.
@@ -302,7 +316,7 @@ pub fn run(command: Command, rig_name: &RigName) -> anyhow::Result<i32> {
     }
 }
 
-/// Starts or stops a recording; returns the exit code.
+/// Starts, stops or tags a recording; returns the exit code.
 ///
 /// # Errors
 /// [`crate::Error`], or an I/O error if the output cannot be written.
@@ -312,6 +326,9 @@ pub fn record(command: Recording, rig_name: &RigName) -> anyhow::Result<i32> {
             actions::start_recording(rig_name, &file, metadata, json)
         }
         Recording::Stop(OutputFormat { json }) => actions::stop_recording(rig_name, json),
+        Recording::Tag { text, author, json: OutputFormat { json } } => {
+            actions::tag(rig_name, text, author, json)
+        }
     }
 }
 

@@ -63,6 +63,7 @@ mod mat_file;
 mod monitored;
 mod muscles;
 mod names;
+mod notes;
 mod output;
 mod parquet_export;
 mod parquet_file;

@@ -1,5 +1,6 @@
 //! Executes `reset`, `arm`, `enable`, `disarm`, `estop`, `run`, `stop` and the recording commands.
 
+use std::env::var;
 use std::io::Write;
 use std::path::Path;
 use std::time::Duration;
@@ -182,6 +183,28 @@ pub(super) fn stop_recording(rig_name: &RigName, as_json: bool) -> anyhow::Resul
     let value = json!({ "file": file, "written": written, "lost": lost });
     print(as_json, value, &format!("{file}: {written} messages, {lost} lost"))?;
     Ok(if lost > 0 { DATA_LOST } else { DONE })
+}
+
+pub(super) fn tag(
+    rig_name: &RigName,
+    text: String,
+    author: Option<String>,
+    as_json: bool,
+) -> anyhow::Result<i32> {
+    let author = author.unwrap_or_else(caller);
+    let line = format!("{author}: {text}");
+    let answer = accepted(link(rig_name)?.logger(&LoggerRequest::Tag { author, text })?)?;
+    let file = answer.recording.unwrap_or_default();
+    print(as_json, json!({ "recording": file, "tag": line }), &format!("{file}: {line}"))?;
+    Ok(DONE)
+}
+
+/// The user who calls: whoever called sudo, which a rig of systemd may have taken.
+fn caller() -> String {
+    let mut names =
+        ["SUDO_USER", "USER", "LOGNAME"].into_iter().filter_map(|name| var(name).ok());
+    let found = names.find(|name| !name.is_empty());
+    found.unwrap_or_else(|| format!("uid {}", rustix::process::getuid().as_raw()))
 }
 
 /// The logger's answer, unless it reports an error.
