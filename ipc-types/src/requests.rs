@@ -64,6 +64,8 @@ pub enum LoggerRequest {
         path: String,
         /// Key and value pairs for the file's metadata record.
         metadata: Vec<(String, String)>,
+        /// When to go on in another file.
+        split: Split,
     },
     /// End it; answered when everything is on disk.
     Stop,
@@ -83,6 +85,15 @@ pub enum LoggerRequest {
         /// What it says.
         text: String,
     },
+}
+
+/// When a recording goes on in its next part: at whichever comes first, or, by default, never.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Split {
+    /// Length of a part (ns).
+    pub every_ns: Option<u64>,
+    /// Size of a part (bytes), which the end of the file is added to.
+    pub every_bytes: Option<u64>,
 }
 
 /// Answer of the logger.

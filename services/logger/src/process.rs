@@ -17,7 +17,7 @@ use std::time::{Duration, Instant};
 
 use ipc_types::{
     CLOCK, ClockSync, Event, EventKind, Heartbeat, LOSS, LoggerAnswer, LossCounters, Message,
-    Process, Severity, TOPICS,
+    Process, Severity, Split, TOPICS,
 };
 use recording::mcap_read::Recording;
 use recording::mcap_write::{Positions, key};
@@ -224,7 +224,7 @@ impl Logger {
         } else if let Some(path) = record
             && !begun
         {
-            let request = self.start_request(path.to_owned(), BTreeMap::new());
+            let request = self.start_request(path.to_owned(), BTreeMap::new(), Split::default());
             if let Err(reason) = self.start_and_wait(request)? {
                 return Err(LoggerError::NotBegun { path: path.to_owned(), reason });
             }
@@ -233,7 +233,12 @@ impl Logger {
         Ok(())
     }
 
-    fn start_request(&self, path: PathBuf, mut metadata: BTreeMap<String, String>) -> StartRequest {
+    fn start_request(
+        &self,
+        path: PathBuf,
+        mut metadata: BTreeMap<String, String>,
+        split: Split,
+    ) -> StartRequest {
         // The logger's own entries take precedence.
         metadata.extend(self.metadata.clone());
         metadata.extend(doctor_report(self.doctor.as_deref(), self.service.domain().name()));
@@ -245,6 +250,7 @@ impl Logger {
             realtime_offset_ns: ClockPair::measure().offset_ns(),
             session: self.service.identity().session,
             run: self.run.clone(),
+            split,
             ..StartRequest::default()
         }
     }
@@ -296,6 +302,9 @@ impl Logger {
             while let Some(outcome) = self.recorder.poll() {
                 self.outcome(outcome)?;
             }
+            if self.recorder.split_due() {
+                self.next_part()?;
+            }
             while let Some(request) = self.requests.next() {
                 self.answer(request)?;
             }
@@ -317,6 +326,14 @@ impl Logger {
             self.service.beat();
         }
         self.end()
+    }
+
+    /// Goes on in the next part, which says for itself which programs run by now.
+    fn next_part(&mut self) -> Result<(), LoggerError> {
+        self.report_replacements()?;
+        self.drain()?;
+        let replaced = (key::REPLACED.to_owned(), self.replacements.now().to_text());
+        Ok(self.recorder.split(BTreeMap::from([replaced]))?)
     }
 
     /// Takes the messages that are in shared memory now; at most a buffer's length of each topic,

@@ -33,13 +33,20 @@ use std::sync::mpsc::{self, Receiver, Sender};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-use ipc_types::{Arrival, LoggerAnswer, LossCounters, SequenceTracker, TOPICS};
+use ipc_types::{Arrival, LoggerAnswer, LossCounters, SequenceTracker, Split, TOPICS};
 use recording::word;
+use runtime::clock::SECOND_NS;
 
 pub use crate::state::StartRequest;
 pub use crate::writer_queue::Outcome;
-use crate::writer_queue::{Command, Queue, SLOTS, Shared, Slot};
+use crate::writer_queue::{Command, NextPart, Queue, SLOTS, Shared, Slot};
 use crate::writer_thread::{Opener, WriterEnd, open_file, run};
+
+/// Shortest and smallest part that may be asked for.
+const SHORTEST_PART_NS: u64 = SECOND_NS;
+const SMALLEST_PART: u64 = 1_000_000;
+/// How long after an attempt to begin the next part that failed the next one is made.
+const SPLIT_AGAIN_NS: u64 = 10 * SECOND_NS;
 
 /// Why a request was refused.
 #[derive(Debug, thiserror::Error)]
@@ -58,6 +65,15 @@ pub enum RecorderError {
     RelativePath {
         /// The path.
         path: PathBuf,
+    },
+    /// Parts that would be too short or too small.
+    #[error(
+        "split: expected parts of at least {} s and {SMALLEST_PART} bytes, found {found}",
+        SHORTEST_PART_NS / SECOND_NS
+    )]
+    Split {
+        /// What was asked for.
+        found: String,
     },
     /// The thread cannot be started, or ended.
     #[error("the writer thread: {what}; restart the logger")]
@@ -86,11 +102,21 @@ pub struct RecorderFrontEnd {
     thread: Option<JoinHandle<()>>,
     counts: Vec<Count>,
     unknown: u64,
+    /// of the messages; another one for each part
     generation: u32,
+    /// that of the recording's first part
+    first_generation: u32,
     recording: Option<PathBuf>,
     /// when the recording and its present part began [ns, CLOCK_MONOTONIC]
     began_ns: u64,
     part_began_ns: u64,
+    split: Split,
+    /// when the present part was begun by a split, or the recording [ns, CLOCK_MONOTONIC]
+    split_ns: u64,
+    /// when the next part was asked for, between that and its outcome [ns, CLOCK_MONOTONIC]
+    splitting_ns: Option<u64>,
+    /// no next part is asked for before [ns, CLOCK_MONOTONIC]
+    split_again_ns: u64,
     /// set between `stop` and its outcome
     stopping: bool,
     error: String,
@@ -133,6 +159,7 @@ impl RecorderFrontEnd {
             generation: AtomicU32::new(0),
             written: counters(),
             refused: counters(),
+            part_bytes: AtomicU64::new(0),
         });
         let (commands, inbox) = mpsc::channel();
         let (outbox, outcomes) = mpsc::channel();
@@ -147,9 +174,14 @@ impl RecorderFrontEnd {
             counts: vec![Count::default(); TOPICS.len()],
             unknown: 0,
             generation: 0,
+            first_generation: 0,
             recording: None,
             began_ns: 0,
             part_began_ns: 0,
+            split: Split::default(),
+            split_ns: 0,
+            splitting_ns: None,
+            split_again_ns: 0,
             stopping: false,
             error: String::new(),
         };
@@ -199,12 +231,18 @@ impl RecorderFrontEnd {
         if !request.path.is_absolute() {
             return Err(RecorderError::RelativePath { path: request.path });
         }
+        check_split(request.split)?;
         self.part_began_ns = self.shared.now_ns.load(Ordering::Relaxed);
         if request.began_ns == 0 {
             request.began_ns = self.part_began_ns;
         }
         self.began_ns = request.began_ns;
         self.generation = self.generation.wrapping_add(1);
+        self.first_generation = self.generation;
+        self.split = request.split;
+        self.split_ns = self.part_began_ns;
+        self.split_again_ns = 0;
+        self.splitting_ns = None;
         for (count, topic) in self.counts.iter_mut().zip(TOPICS) {
             count.dropped = 0;
             count.received_before = count.tracker.received();
@@ -217,6 +255,41 @@ impl RecorderFrontEnd {
         let path = request.path.clone();
         self.send(Command::Start { generation: self.generation, request })?;
         self.recording = Some(path);
+        Ok(())
+    }
+
+    /// Whether the present part is as long or as large as a part is to be.
+    pub fn split_due(&self) -> bool {
+        let now_ns = self.shared.now_ns.load(Ordering::Relaxed);
+        if self.recording.is_none()
+            || self.stopping
+            || self.splitting_ns.is_some()
+            || now_ns < self.split_again_ns
+        {
+            return false;
+        }
+        let bytes = self.shared.part_bytes.load(Ordering::Relaxed);
+        let own = self.own_counters();
+        let long =
+            self.split.every_ns.is_some_and(|every| now_ns.saturating_sub(self.split_ns) >= every);
+        long || self.split.every_bytes.is_some_and(|every| own && bytes >= every)
+    }
+
+    /// Begins the next part of the recording: everything pushed from now on belongs to it, and
+    /// everything before to the present one. `metadata` are those that are others by now. Whether
+    /// its file could be created comes as an [`Outcome`]; the recording goes on in any case.
+    ///
+    /// # Errors
+    /// [`RecorderError::NotRecording`], [`RecorderError::Thread`].
+    pub fn split(&mut self, metadata: BTreeMap<String, String>) -> Result<(), RecorderError> {
+        if self.recording.is_none() || self.stopping || self.splitting_ns.is_some() {
+            return Err(RecorderError::NotRecording);
+        }
+        let at_ns = self.shared.now_ns.load(Ordering::Relaxed);
+        self.generation = self.generation.wrapping_add(1);
+        let (generation, losses) = (self.generation, self.all_losses());
+        self.send(Command::Split(NextPart { generation, at_ns, metadata, losses }))?;
+        self.splitting_ns = Some(at_ns);
         Ok(())
     }
 
@@ -263,6 +336,18 @@ impl RecorderFrontEnd {
     fn note(&mut self, outcome: &Outcome) {
         match outcome {
             Outcome::Started { path } => self.recording = Some(path.clone()),
+            Outcome::NextPart { path, ended } => {
+                self.recording = Some(path.clone());
+                self.split_ns = self.splitting_ns.take().unwrap_or(self.split_ns);
+                if let Err(error) = ended {
+                    self.error.clone_from(error);
+                }
+            }
+            Outcome::NotSplit { error } => {
+                let asked_ns = self.splitting_ns.take().unwrap_or(0);
+                self.split_again_ns = asked_ns.saturating_add(SPLIT_AGAIN_NS);
+                self.error.clone_from(error);
+            }
             Outcome::Failed { error } | Outcome::StateNotKept { error } => {
                 self.error.clone_from(error)
             }
@@ -288,7 +373,7 @@ impl RecorderFrontEnd {
     /// The counters of a topic, all of them of the present or last recording.
     pub fn losses(&self, topic: usize) -> LossCounters {
         let count = self.counts.get(topic).copied().unwrap_or_default();
-        let own = self.shared.generation.load(Ordering::Acquire) == self.generation;
+        let own = self.own_counters();
         let load = |list: &[AtomicU64]| {
             list.get(topic).filter(|_| own).map_or(0, |value| value.load(Ordering::Relaxed))
         };
@@ -301,6 +386,11 @@ impl RecorderFrontEnd {
             topic: topic as u32,
             ..LossCounters::default()
         }
+    }
+
+    /// Whether the writer thread's counters are those of this recording.
+    fn own_counters(&self) -> bool {
+        self.shared.generation.load(Ordering::Acquire) == self.first_generation
     }
 
     fn all_losses(&self) -> Vec<LossCounters> {
@@ -357,6 +447,18 @@ impl RecorderFrontEnd {
         }
         Ok(())
     }
+}
+
+fn check_split(split: Split) -> Result<(), RecorderError> {
+    let Split { every_ns, every_bytes } = split;
+    let found = match (every_ns, every_bytes) {
+        (Some(every), _) if every < SHORTEST_PART_NS => {
+            format!("{:?}", Duration::from_nanos(every))
+        }
+        (_, Some(every)) if every < SMALLEST_PART => format!("{every} bytes"),
+        _ => return Ok(()),
+    };
+    Err(RecorderError::Split { found })
 }
 
 impl Drop for RecorderFrontEnd {

@@ -6,6 +6,7 @@ use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
+use ipc_types::Split;
 use recording::mcap_write::Positions;
 use serde::{Deserialize, Serialize};
 
@@ -31,6 +32,9 @@ pub struct StartRequest {
     /// The protocol that is being played; empty where none is.
     #[serde(default)]
     pub run: BTreeMap<String, String>,
+    /// When to go on in the next part.
+    #[serde(default)]
+    pub split: Split,
     /// Where the part before ended; empty for part 1. The messages between are counted as lost.
     #[serde(skip)]
     pub continues: Positions,
@@ -132,6 +136,7 @@ mod tests {
             metadata: BTreeMap::from([("rig".to_owned(), "hydrostatic \"x\"\n".to_owned())]),
             realtime_offset_ns: -5,
             began_ns: 3,
+            split: Split { every_ns: None, every_bytes: Some(9) },
             ..StartRequest::default()
         }
     }

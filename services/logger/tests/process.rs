@@ -14,6 +14,7 @@ use ipc_types::*;
 use logger::{Logger, LoggerError, Options};
 use recording::mcap_read::Recording;
 use recording::mcap_write::key;
+use recording::parts_of;
 use rig::RigFile;
 use runtime::{Keeper, Publisher, RigName, Service, call};
 
@@ -214,6 +215,7 @@ fn records_on_request(bench: &mut Bench) {
     let request = |path: &Path| LoggerRequest::Start {
         path: path.to_str().unwrap().to_owned(),
         metadata: vec![("subject".to_owned(), "s02".to_owned())],
+        split: Split::default(),
     };
     std::thread::sleep(Duration::from_millis(200)); // the loop takes it before the start
     let answer = bench.ask(&request(&third));
@@ -261,12 +263,43 @@ fn records_on_request(bench: &mut Bench) {
     assert!(answer.error.contains("never overwritten") && answer.recording.is_none(), "{answer:?}");
 }
 
+/// A recording in parts of a second: the seams cost nothing.
+fn records_in_parts(bench: &mut Bench) {
+    let path = bench.path("parts.mcap");
+    let split = Split { every_ns: Some(1_000_000_000), every_bytes: None };
+    let text = path.to_str().unwrap().to_owned();
+    let start = LoggerRequest::Start { path: text, metadata: Vec::new(), split };
+    assert_eq!(bench.ask(&start).error, "");
+    let mut tick = 100_000;
+    while !bench.path("parts.part3.mcap").exists() {
+        bench.publish(tick..tick + 10);
+        tick += 10;
+        std::thread::sleep(Duration::from_millis(50));
+        assert!(tick < 200_000, "no third part");
+    }
+    let answer = bench.ask(&LoggerRequest::Stop);
+    assert_eq!((answer.lost, answer.error.as_str()), (0, ""));
+    let parts = parts_of(&path);
+    assert!(parts.len() >= 3, "{parts:?}");
+    let written: Vec<u64> = parts.iter().flat_map(|part| ticks(part)).collect();
+    assert_eq!(written, (100_000..tick).collect::<Vec<_>>());
+    for (number, part) in parts.iter().enumerate() {
+        let recording = Recording::open(part).unwrap();
+        assert!(!recording.check().unwrap().data_lost(), "part {}", number + 1);
+        assert_eq!(recording.metadata(key::RIG_FILE), Some(rig().text()));
+        // That it has begun is told in the part itself.
+        let begun = (EventKind::RecordingStarted, part.to_str().unwrap().to_owned());
+        assert!(events(part).contains(&begun), "{:?}", events(part));
+    }
+}
+
 #[test]
 fn the_logger_from_first_message_to_second_part() {
     let mut bench = Bench::new();
     records_from_the_start(&mut bench);
     let logger = continues_with_the_next_part(&mut bench);
     records_on_request(&mut bench);
+    records_in_parts(&mut bench);
     logger.end();
 
     // a person ended the recording of this session: a restart does not begin it again

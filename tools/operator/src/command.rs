@@ -3,6 +3,7 @@
 mod actions;
 mod faults;
 mod show_status;
+mod split;
 mod up_down;
 
 use std::net::SocketAddr;
@@ -10,11 +11,12 @@ use std::path::PathBuf;
 
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::{Args, Subcommand};
-use ipc_types::{CardKind, Profile, Verb};
+use ipc_types::{CardKind, Profile, Split, Verb};
 use runtime::RigName;
 
 use crate::RunOptions;
 pub use faults::{FaultArguments, FaultCommand};
+use split::{parse_split, whichever_first};
 
 /// Where the console listens unless told: not to be reached from other computers.
 const CONSOLE_AT: &str = "127.0.0.1:8321";
@@ -127,11 +129,12 @@ pub enum Command {
     Fault(FaultArguments),
 }
 
-/// `farreach rec start`, `farreach rec stop`, `farreach rec tag`: the recording of a rig that is up.
+/// `farreach rec start`, `rec stop` and `rec tag`: the recording of a rig that is up.
 #[derive(Clone, Debug, Subcommand)]
 pub enum Recording {
     /// Starts recording all topics of a rig that is up
-    #[command(after_help = "Example:\n  farreach rec start S07.mcap --metadata subject=S07")]
+    #[command(after_help = "Examples:\n  farreach rec start S07.mcap --metadata subject=S07\n  \
+        farreach rec start long.mcap --split 10min --split 2GB")]
     Start {
         /// MCAP file to create; it must not exist
         #[arg(value_name = "FILE")]
@@ -139,6 +142,10 @@ pub enum Recording {
         /// Metadata to store in the recording (repeatable)
         #[arg(long, value_name = "KEY=VALUE", value_parser = parse_key_value)]
         metadata: Vec<(String, String)>,
+        /// Goes on in another file (S07.part2.mcap, …) whenever one is so long (10min) or so large
+        /// (500MB), without losing a message; given twice, at whichever comes first
+        #[arg(long, value_name = "TIME|SIZE", value_parser = parse_split)]
+        split: Vec<Split>,
         #[command(flatten)]
         #[allow(missing_docs)]
         json: OutputFormat,
@@ -322,8 +329,8 @@ pub fn run(command: Command, rig_name: &RigName) -> anyhow::Result<i32> {
 /// [`crate::Error`], or an I/O error if the output cannot be written.
 pub fn record(command: Recording, rig_name: &RigName) -> anyhow::Result<i32> {
     match command {
-        Recording::Start { file, metadata, json: OutputFormat { json } } => {
-            actions::start_recording(rig_name, &file, metadata, json)
+        Recording::Start { file, metadata, split, json: OutputFormat { json } } => {
+            actions::start_recording(rig_name, &file, metadata, whichever_first(&split), json)
         }
         Recording::Stop(OutputFormat { json }) => actions::stop_recording(rig_name, json),
         Recording::Tag { text, author, json: OutputFormat { json } } => {

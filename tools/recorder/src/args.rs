@@ -81,8 +81,8 @@ pub enum Command {
         #[arg(long)]
         json: bool,
     },
-    /// Joins the parts that a restart of the logger left, in the order of time. Messages that
-    /// several files hold are copied once.
+    /// Joins the parts that `rec start --split`, or a restart of the logger, left, in the order of
+    /// time. Messages that several files hold are copied once.
     ///
     /// Example: farreach rec merge run.mcap run.part2.mcap -o whole.mcap
     Merge {

@@ -66,9 +66,9 @@ pub(crate) fn export(
         }
         match target {
             Target::Csv(to) => write_to(to, stdout, |output| Ok(record.write_csv(output)?))?,
-            Target::Parquet(path) => new_file(path, |output| {
-                parquet_export::write_record(&recording, &record, output)
-            })?,
+            Target::Parquet(path) => {
+                new_file(path, |output| parquet_export::write_record(&recording, &record, output))?
+            }
         }
         return Ok(code);
     };

@@ -69,10 +69,7 @@ fn values(reader: ColumnReader, rows: usize, unsigned: bool) -> Vec<String> {
         // The shortest text that parses to the same number.
         ColumnReader::DoubleColumnReader(reader) => all!(reader, |value: f64| value.to_string()),
         ColumnReader::ByteArrayColumnReader(reader) => {
-            all!(reader, |value: parquet::data_type::ByteArray| value
-                .as_utf8()
-                .unwrap()
-                .to_owned())
+            all!(reader, |value: parquet::data_type::ByteArray| value.as_utf8().unwrap().to_owned())
         }
         _ => panic!("a type that is not written"),
     }

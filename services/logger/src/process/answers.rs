@@ -17,9 +17,10 @@ impl Logger {
                 let _ = reply.send(self.recorder.status());
                 return Ok(());
             }
-            LoggerRequest::Start { path, metadata } => {
+            LoggerRequest::Start { path, metadata, split } => {
                 self.report_replacements()?;
-                let request = self.start_request(path.into(), metadata.into_iter().collect());
+                let metadata = metadata.into_iter().collect();
+                let request = self.start_request(path.into(), metadata, split);
                 self.start(request).map(|()| self.start_reply = Some(reply.clone()))
             }
             LoggerRequest::Stop => {

@@ -12,10 +12,15 @@ use crate::recorder_front_end::Outcome;
 impl Logger {
     /// Passes on a report of the writer thread: as an event, and as the answer to the request.
     pub(super) fn outcome(&mut self, outcome: Outcome) -> Result<(), PortError> {
+        if let Outcome::NextPart { ended: Err(error), .. } = &outcome {
+            self.service.event(EventKind::DataLost, Severity::Error, [0.0; 3], error)?;
+        }
         let status = self.recorder.status();
         let (written, lost) = (status.written as f64, status.lost as f64);
         let (kind, severity, values) = match &outcome {
-            Outcome::Started { .. } => (EventKind::RecordingStarted, Severity::Info, [0.0; 3]),
+            Outcome::Started { .. } | Outcome::NextPart { .. } => {
+                (EventKind::RecordingStarted, Severity::Info, [0.0; 3])
+            }
             Outcome::NotStarted { .. } => (EventKind::RecordingStopped, Severity::Error, [0.0; 3]),
             Outcome::Stopped(Summary { written, bytes, .. }) => {
                 let values = [*written as f64, lost, *bytes as f64];
@@ -26,17 +31,20 @@ impl Logger {
                 (EventKind::RecordingStopped, Severity::Error, values)
             }
             Outcome::Failed { .. } => (EventKind::DataLost, Severity::Error, [lost, 0.0, 0.0]),
-            Outcome::StateNotKept { .. } => {
+            Outcome::StateNotKept { .. } | Outcome::NotSplit { .. } => {
                 (EventKind::RecordingStarted, Severity::Warning, [0.0; 3])
             }
         };
         let text = match &outcome {
-            Outcome::Started { path } | Outcome::Stopped(Summary { path, .. }) => {
+            Outcome::Started { path }
+            | Outcome::NextPart { path, .. }
+            | Outcome::Stopped(Summary { path, .. }) => {
                 ending_of(&path.to_string_lossy()).to_owned()
             }
             Outcome::NotStarted { error }
             | Outcome::Failed { error }
             | Outcome::StoppedWithError { error, .. }
+            | Outcome::NotSplit { error }
             | Outcome::StateNotKept { error } => error.clone(),
         };
         self.service.event(kind, severity, values, &text)?;
@@ -47,7 +55,10 @@ impl Logger {
                 self.publish_counts()?;
                 self.stop_reply.take()
             }
-            Outcome::Failed { .. } | Outcome::StateNotKept { .. } => None,
+            Outcome::NextPart { .. }
+            | Outcome::NotSplit { .. }
+            | Outcome::Failed { .. }
+            | Outcome::StateNotKept { .. } => None,
         };
         if let Some(reply) = reply {
             let _ = reply.send(self.recorder.status());

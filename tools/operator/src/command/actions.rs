@@ -6,7 +6,7 @@ use std::path::Path;
 use std::time::Duration;
 
 use indicatif::{ProgressBar, ProgressStyle};
-use ipc_types::{ExperimentAnswer, LoggerAnswer, LoggerRequest, PulseSource, Verb};
+use ipc_types::{ExperimentAnswer, LoggerAnswer, LoggerRequest, PulseSource, Split, Verb};
 use runtime::{DomainError, RigName};
 use serde_json::json;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
@@ -164,9 +164,10 @@ pub(super) fn start_recording(
     rig_name: &RigName,
     file: &Path,
     metadata: Vec<(String, String)>,
+    split: Split,
     as_json: bool,
 ) -> anyhow::Result<i32> {
-    let request = LoggerRequest::Start { path: absolute(file)?, metadata };
+    let request = LoggerRequest::Start { path: absolute(file)?, metadata, split };
     let answer = accepted(link(rig_name)?.logger(&request)?)?;
     let value = json!({ "recording": answer.recording });
     print(as_json, value, &format!("recording {}", answer.recording.unwrap_or_default()))?;
@@ -201,8 +202,7 @@ pub(super) fn tag(
 
 /// The user who calls: whoever called sudo, which a rig of systemd may have taken.
 fn caller() -> String {
-    let mut names =
-        ["SUDO_USER", "USER", "LOGNAME"].into_iter().filter_map(|name| var(name).ok());
+    let mut names = ["SUDO_USER", "USER", "LOGNAME"].into_iter().filter_map(|name| var(name).ok());
     let found = names.find(|name| !name.is_empty());
     found.unwrap_or_else(|| format!("uid {}", rustix::process::getuid().as_raw()))
 }
