@@ -339,9 +339,13 @@ impl RecorderFrontEnd {
             Outcome::NextPart { path, ended } => {
                 self.recording = Some(path.clone());
                 self.split_ns = self.splitting_ns.take().unwrap_or(self.split_ns);
-                if let Err(error) = ended {
-                    self.error.clone_from(error);
+                match ended {
+                    // It could not be begun before.
+                    Ok(_) if self.split_again_ns > 0 => self.error.clear(),
+                    Ok(_) => {}
+                    Err(error) => self.error.clone_from(error),
                 }
+                self.split_again_ns = 0;
             }
             Outcome::NotSplit { error } => {
                 let asked_ns = self.splitting_ns.take().unwrap_or(0);

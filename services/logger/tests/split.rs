@@ -241,6 +241,7 @@ fn a_recording_goes_on_where_the_next_part_cannot_be_begun() {
     full.store(false, Ordering::SeqCst);
     recorder.split(BTreeMap::new()).unwrap();
     assert!(matches!(outcome(&mut recorder), Outcome::NextPart { ended: Ok(_), .. }));
+    assert_eq!(recorder.status().error, "", "it is over");
     push(&mut recorder, 24_000..25_000);
     recorder.stop().unwrap();
     assert!(matches!(outcome(&mut recorder), Outcome::Stopped(_)));
