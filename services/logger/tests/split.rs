@@ -93,7 +93,10 @@ fn parts_are_whole_and_merged_give_every_message_once() {
         if number == 0 {
             assert!(matches!(outcome(&mut recorder), Outcome::Started { .. }));
         }
-        push(&mut recorder, from..from);
+        if number == 1 {
+            let run = (key::PROTOCOL.to_owned(), "guided".to_owned());
+            recorder.note_run(BTreeMap::from([run])).unwrap();
+        }
         let Outcome::NextPart { path: next, ended } = outcome(&mut recorder) else { panic!() };
         assert_eq!(next, part_path(&path, number as u32 + 2));
         assert_eq!(ended.unwrap().path, part_path(&path, number as u32 + 1));
@@ -118,6 +121,7 @@ fn parts_are_whole_and_merged_give_every_message_once() {
         assert!(recording.contents().unwrap().is_some(), "it has a summary of its own");
         assert_eq!(recording.metadata(key::PART), Some((at + 1).to_string().as_str()));
         assert_eq!(recording.metadata(key::RIG), Some("cable"));
+        assert_eq!(recording.runs().count(), usize::from(at > 1), "a protocol goes on");
         let by = at.checked_sub(1).map(|number| format!("by the {number}"));
         assert_eq!(recording.metadata(key::REPLACED), by.as_deref());
         let samples = own.end - own.start;
@@ -146,6 +150,7 @@ fn parts_are_whole_and_merged_give_every_message_once() {
     assert_eq!(sequences(&whole), (0..6_000).collect::<Vec<_>>());
     assert_eq!(command_sequences(&whole), (0..1_500).collect::<Vec<_>>());
     let whole = Recording::open(&whole).unwrap();
+    assert_eq!(whole.runs().count(), 1);
     assert!(whole.ended_cleanly() && !whole.check().unwrap().data_lost());
 }
 
