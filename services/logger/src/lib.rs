@@ -8,11 +8,13 @@
 #[cfg(test)]
 mod interleavings;
 mod process;
+mod recorder_error;
 pub mod recorder_front_end;
+mod ring;
 pub mod state;
 mod writer_queue;
 mod writer_thread;
 
 pub use process::{Logger, LoggerError, Options, revision, run};
-pub use writer_queue::SLOTS as QUEUE_SLOTS;
+pub use writer_queue::{RingParts, SLOTS as QUEUE_SLOTS};
 pub use writer_thread::Opener;

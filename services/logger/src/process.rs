@@ -108,6 +108,9 @@ pub struct Logger {
     reported_losses: Vec<u64>,
     start_reply: Option<SyncSender<LoggerAnswer>>,
     stop_reply: Option<SyncSender<LoggerAnswer>>,
+    /// whoever wants the next part, until it is asked for, and from then on
+    part_wanted: Option<SyncSender<LoggerAnswer>>,
+    part_reply: Option<SyncSender<LoggerAnswer>>,
 }
 
 impl std::fmt::Debug for Logger {
@@ -170,6 +173,8 @@ impl Logger {
             reported_losses: vec![0; TOPICS.len()],
             start_reply: None,
             stop_reply: None,
+            part_wanted: None,
+            part_reply: None,
         };
         logger.begin(kept, &directory, options.record.as_deref())?;
         Ok(logger)
@@ -243,6 +248,8 @@ impl Logger {
         metadata.extend(self.metadata.clone());
         metadata.extend(doctor_report(self.doctor.as_deref(), self.service.domain().name()));
         metadata.insert(key::REPLACED.to_owned(), self.replacements.now().to_text());
+        let seconds = |keep_ns: u64| format!("{} s", keep_ns as f64 / SECOND_NS as f64);
+        metadata.extend(split.keep_ns.map(|keep_ns| (key::RING.to_owned(), seconds(keep_ns))));
         StartRequest {
             path,
             part: 1,
@@ -302,9 +309,7 @@ impl Logger {
             while let Some(outcome) = self.recorder.poll() {
                 self.outcome(outcome)?;
             }
-            if self.recorder.split_due() {
-                self.next_part()?;
-            }
+            self.next_part()?;
             while let Some(request) = self.requests.next() {
                 self.answer(request)?;
             }
@@ -328,12 +333,31 @@ impl Logger {
         self.end()
     }
 
-    /// Goes on in the next part, which says for itself which programs run by now.
+    /// Goes on in the next part, where it is time for it or somebody wants it. It says for itself
+    /// which programs run by now.
     fn next_part(&mut self) -> Result<(), LoggerError> {
+        // One that is asked for already holds only what came before the request.
+        if !self.recorder.splitting()
+            && let Some(reply) = self.part_wanted.take()
+        {
+            self.part_reply = Some(reply);
+        } else if !self.recorder.split_due() {
+            return Ok(());
+        }
         self.report_replacements()?;
         self.drain()?;
         let replaced = (key::REPLACED.to_owned(), self.replacements.now().to_text());
-        Ok(self.recorder.split(BTreeMap::from([replaced]))?)
+        match self.recorder.split(BTreeMap::from([replaced])) {
+            // Stopped meanwhile.
+            Err(error @ RecorderError::NotRecording) => {
+                if let Some(reply) = self.part_reply.take() {
+                    let error = error.to_string();
+                    let _ = reply.send(LoggerAnswer { error, ..self.recorder.status() });
+                }
+                Ok(())
+            }
+            result => Ok(result?),
+        }
     }
 
     /// Takes the messages that are in shared memory now; at most a buffer's length of each topic,

@@ -33,55 +33,19 @@ use std::sync::mpsc::{self, Receiver, Sender};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-use ipc_types::{Arrival, LoggerAnswer, LossCounters, SequenceTracker, Split, TOPICS};
+use ipc_types::{Arrival, LoggerAnswer, LossCounters, RingStatus, SequenceTracker, Split, TOPICS};
 use recording::word;
 use runtime::clock::SECOND_NS;
 
+pub use crate::recorder_error::RecorderError;
+use crate::recorder_error::check_split;
 pub use crate::state::StartRequest;
 pub use crate::writer_queue::Outcome;
-use crate::writer_queue::{Command, NextPart, Queue, SLOTS, Shared, Slot};
+use crate::writer_queue::{Command, NextPart, Queue, RingParts, SLOTS, Shared, Slot};
 use crate::writer_thread::{Opener, WriterEnd, open_file, run};
 
-/// Shortest and smallest part that may be asked for.
-const SHORTEST_PART_NS: u64 = SECOND_NS;
-const SMALLEST_PART: u64 = 1_000_000;
 /// How long after an attempt to begin the next part that failed the next one is made.
 const SPLIT_AGAIN_NS: u64 = 10 * SECOND_NS;
-
-/// Why a request was refused.
-#[derive(Debug, thiserror::Error)]
-pub enum RecorderError {
-    /// One recording at a time.
-    #[error("already recording to {path}: stop that first")]
-    Recording {
-        /// The file.
-        path: PathBuf,
-    },
-    /// There is none.
-    #[error("nothing is being recorded")]
-    NotRecording,
-    /// A relative path would depend on the logger's working directory.
-    #[error("{path}: expected an absolute path")]
-    RelativePath {
-        /// The path.
-        path: PathBuf,
-    },
-    /// Parts that would be too short or too small.
-    #[error(
-        "split: expected parts of at least {} s and {SMALLEST_PART} bytes, found {found}",
-        SHORTEST_PART_NS / SECOND_NS
-    )]
-    Split {
-        /// What was asked for.
-        found: String,
-    },
-    /// The thread cannot be started, or ended.
-    #[error("the writer thread: {what}; restart the logger")]
-    Thread {
-        /// What is wrong.
-        what: String,
-    },
-}
 
 #[derive(Clone, Copy, Debug, Default)]
 struct Count {
@@ -111,6 +75,9 @@ pub struct RecorderFrontEnd {
     began_ns: u64,
     part_began_ns: u64,
     split: Split,
+    /// the file of part 1
+    first: PathBuf,
+    ring: RingParts,
     /// when the present part was begun by a split, or the recording [ns, CLOCK_MONOTONIC]
     split_ns: u64,
     /// when the next part was asked for, between that and its outcome [ns, CLOCK_MONOTONIC]
@@ -179,6 +146,8 @@ impl RecorderFrontEnd {
             began_ns: 0,
             part_began_ns: 0,
             split: Split::default(),
+            first: PathBuf::new(),
+            ring: RingParts::default(),
             split_ns: 0,
             splitting_ns: None,
             split_again_ns: 0,
@@ -253,6 +222,8 @@ impl RecorderFrontEnd {
         }
         self.error.clear();
         let path = request.path.clone();
+        self.first.clone_from(&path);
+        self.ring = RingParts::default();
         self.send(Command::Start { generation: self.generation, request })?;
         self.recording = Some(path);
         Ok(())
@@ -335,9 +306,13 @@ impl RecorderFrontEnd {
 
     fn note(&mut self, outcome: &Outcome) {
         match outcome {
-            Outcome::Started { path } => self.recording = Some(path.clone()),
-            Outcome::NextPart { path, ended } => {
+            Outcome::Started { path, ring } => {
                 self.recording = Some(path.clone());
+                self.ring.clone_from(ring);
+            }
+            Outcome::NextPart { path, ended, ring } => {
+                self.recording = Some(path.clone());
+                self.ring.clone_from(ring);
                 self.split_ns = self.splitting_ns.take().unwrap_or(self.split_ns);
                 match ended {
                     // It could not be begun before.
@@ -410,8 +385,26 @@ impl RecorderFrontEnd {
             recording: self.recording.as_ref().map(|path| path.to_string_lossy().into_owned()),
             written,
             lost,
+            ring: self.ring_status(),
             error: self.error.clone(),
         }
+    }
+
+    /// The parts of the recording, if it is a ring.
+    fn ring_status(&self) -> Option<RingStatus> {
+        let keep_ns = self.split.keep_ns.filter(|_| self.recording.is_some())?;
+        let present = match self.own_counters() {
+            true => self.shared.part_bytes.load(Ordering::Relaxed),
+            false => 0,
+        };
+        Some(RingStatus {
+            first: self.first.to_string_lossy().into_owned(),
+            parts: self.ring.numbers.clone(),
+            keep_ns,
+            bytes: self.ring.bytes + present,
+            removed: self.ring.removed,
+            not_removed: self.ring.not_removed,
+        })
     }
 
     /// Ends an open file cleanly but keeps its state, as dropping does, waits for the disk, and
@@ -424,6 +417,10 @@ impl RecorderFrontEnd {
     /// Whether a recording is running or being ended.
     pub fn recording(&self) -> bool {
         self.recording.is_some()
+    }
+    /// Whether the next part was asked for and its file is not there yet.
+    pub fn splitting(&self) -> bool {
+        self.splitting_ns.is_some()
     }
     /// Messages waiting for the disk.
     pub fn queued(&self) -> usize {
@@ -451,18 +448,6 @@ impl RecorderFrontEnd {
         }
         Ok(())
     }
-}
-
-fn check_split(split: Split) -> Result<(), RecorderError> {
-    let Split { every_ns, every_bytes } = split;
-    let found = match (every_ns, every_bytes) {
-        (Some(every), _) if every < SHORTEST_PART_NS => {
-            format!("{:?}", Duration::from_nanos(every))
-        }
-        (_, Some(every)) if every < SMALLEST_PART => format!("{every} bytes"),
-        _ => return Ok(()),
-    };
-    Err(RecorderError::Split { found })
 }
 
 impl Drop for RecorderFrontEnd {

@@ -97,6 +97,19 @@ pub(crate) struct NextPart {
     pub(crate) losses: Vec<LossCounters>,
 }
 
+/// The parts of a ring.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct RingParts {
+    /// Numbers of those that are there, the present one last; empty where it is no ring.
+    pub numbers: Vec<u32>,
+    /// Size of those that have ended (bytes).
+    pub bytes: u64,
+    /// Parts that were removed.
+    pub removed: u64,
+    /// Parts that could not be removed.
+    pub not_removed: u64,
+}
+
 /// What the writer thread reports.
 #[derive(Debug)]
 pub enum Outcome {
@@ -104,6 +117,8 @@ pub enum Outcome {
     Started {
         /// The file (its part number may be higher than requested).
         path: PathBuf,
+        /// Of a ring, its parts.
+        ring: RingParts,
     },
     /// The recording goes on in its next part.
     NextPart {
@@ -111,6 +126,8 @@ pub enum Outcome {
         path: PathBuf,
         /// The part before; why it is not whole, if so.
         ended: Result<Summary, String>,
+        /// Of a ring, its parts.
+        ring: RingParts,
     },
     /// The next part could not be begun; the recording goes on in the same one.
     NotSplit {

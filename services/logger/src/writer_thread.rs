@@ -11,6 +11,7 @@ use ipc_types::{LossCounters, TOPICS};
 use recording::mcap_write::{Position, Positions, Start, Summary, WriteError, Writer, key};
 use recording::word;
 
+use crate::ring::Ring;
 use crate::state::{self, StartRequest};
 use crate::writer_queue::{Command, NextPart, Outcome, Queue, Shared, Slot};
 
@@ -59,6 +60,7 @@ pub(crate) struct Disk<'a> {
     generation: u32,
     /// by topic
     parts: Vec<Parts>,
+    ring: Ring,
     /// taken out of the queue before the start command of its recording was read
     held: Option<Slot>,
 }
@@ -101,6 +103,7 @@ impl<'a> Disk<'a> {
             state: StartRequest::default(),
             generation: 0,
             parts: vec![Parts::default(); TOPICS.len()],
+            ring: Ring::default(),
             held: None,
         }
     }
@@ -234,8 +237,9 @@ impl<'a> Disk<'a> {
                 let path = writer.path().to_owned();
                 self.writer = Some(writer);
                 self.state = StartRequest { part, ..request };
+                self.ring = Ring::of(&self.state, self.now_ns());
                 self.save_state();
-                self.report(Outcome::Started { path });
+                self.report(Outcome::Started { path, ring: self.ring.parts(&self.state) });
             }
             Err(error) => self.report(Outcome::NotStarted { error: error.to_string() }),
         }
@@ -302,9 +306,11 @@ impl<'a> Disk<'a> {
         }
         self.publish_all();
         self.end.shared.part_bytes.store(0, Ordering::Relaxed);
+        let bytes = ended.as_ref().map_or(0, |summary| summary.bytes);
+        self.ring.end_part(&mut request, self.state.part, at_ns, bytes);
         self.state = StartRequest { part, ..request };
         self.save_state();
-        self.report(Outcome::NextPart { path, ended });
+        self.report(Outcome::NextPart { path, ended, ring: self.ring.parts(&self.state) });
     }
 
     /// Writes the run into the file behind everything that was pushed before.

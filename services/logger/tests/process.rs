@@ -14,7 +14,7 @@ use ipc_types::*;
 use logger::{Logger, LoggerError, Options};
 use recording::mcap_read::Recording;
 use recording::mcap_write::key;
-use recording::parts_of;
+use recording::{part_path, parts_of};
 use rig::RigFile;
 use runtime::{Keeper, Publisher, RigName, Service, call};
 
@@ -266,7 +266,7 @@ fn records_on_request(bench: &mut Bench) {
 /// A recording in parts of a second: the seams cost nothing.
 fn records_in_parts(bench: &mut Bench) {
     let path = bench.path("parts.mcap");
-    let split = Split { every_ns: Some(1_000_000_000), every_bytes: None };
+    let split = Split { every_ns: Some(1_000_000_000), ..Split::default() };
     let text = path.to_str().unwrap().to_owned();
     let start = LoggerRequest::Start { path: text, metadata: Vec::new(), split };
     assert_eq!(bench.ask(&start).error, "");
@@ -293,6 +293,41 @@ fn records_in_parts(bench: &mut Bench) {
     }
 }
 
+/// A ring keeps the newest parts alone, and ends one on request.
+fn records_a_ring(bench: &mut Bench) {
+    let answer = bench.ask(&LoggerRequest::NextPart);
+    assert!(answer.error.contains("no ring") && answer.ring.is_none(), "{answer:?}");
+    let path = bench.path("ring.mcap");
+    let second = Some(1_000_000_000);
+    let split = Split { every_ns: second, keep_ns: second, every_bytes: None };
+    let text = path.to_str().unwrap().to_owned();
+    let start = LoggerRequest::Start { path: text.clone(), metadata: Vec::new(), split };
+    let answer = bench.ask(&start);
+    assert_eq!((answer.error.as_str(), answer.ring.unwrap().parts), ("", vec![1]));
+    let mut tick = 200_000;
+    while path.exists() {
+        bench.publish(tick..tick + 10);
+        tick += 10;
+        std::thread::sleep(Duration::from_millis(50));
+        assert!(tick < 300_000, "the first part stays");
+    }
+    let answer = bench.ask(&LoggerRequest::NextPart);
+    assert_eq!(answer.error, "");
+    let ring = answer.ring.unwrap();
+    assert_eq!((ring.first, ring.keep_ns, ring.not_removed), (text, 1_000_000_000, 0));
+    assert!(ring.removed >= 1 && ring.bytes > 0);
+    // Everything published before the request is in parts that have ended.
+    let (_, ended) = ring.parts.split_last().unwrap();
+    let ended: Vec<PathBuf> = ended.iter().map(|number| part_path(&path, *number)).collect();
+    let written: Vec<u64> = ended.iter().flat_map(|part| ticks(part)).collect();
+    assert_eq!(written, (written[0]..tick).collect::<Vec<_>>());
+    assert!(ended.iter().all(|part| Recording::open(part).unwrap().ended_cleanly()));
+    let first = Recording::open(&ended[0]).unwrap();
+    assert_eq!(first.metadata(key::RING), Some("1 s"));
+    let answer = bench.ask(&LoggerRequest::Stop);
+    assert_eq!((answer.lost, answer.error.as_str(), answer.ring), (0, "", None));
+}
+
 #[test]
 fn the_logger_from_first_message_to_second_part() {
     let mut bench = Bench::new();
@@ -300,6 +335,7 @@ fn the_logger_from_first_message_to_second_part() {
     let logger = continues_with_the_next_part(&mut bench);
     records_on_request(&mut bench);
     records_in_parts(&mut bench);
+    records_a_ring(&mut bench);
     logger.end();
 
     // a person ended the recording of this session: a restart does not begin it again

@@ -97,7 +97,7 @@ fn parts_are_whole_and_merged_give_every_message_once() {
             let run = (key::PROTOCOL.to_owned(), "guided".to_owned());
             recorder.note_run(BTreeMap::from([run])).unwrap();
         }
-        let Outcome::NextPart { path: next, ended } = outcome(&mut recorder) else { panic!() };
+        let Outcome::NextPart { path: next, ended, .. } = outcome(&mut recorder) else { panic!() };
         assert_eq!(next, part_path(&path, number as u32 + 2));
         assert_eq!(ended.unwrap().path, part_path(&path, number as u32 + 1));
         let kept = state::load(states.path(), 5).unwrap().unwrap();
@@ -225,7 +225,7 @@ fn a_recording_goes_on_where_the_next_part_cannot_be_begun() {
         Writer::create(path, start, now_ns)
     });
     let mut recorder = RecorderFrontEnd::with(None, 100_000, opener).unwrap();
-    let split = Split { every_ns: Some(2 * SECOND_NS), every_bytes: None };
+    let split = Split { every_ns: Some(2 * SECOND_NS), ..Split::default() };
     recorder.start(request(&path, split)).unwrap();
     assert!(matches!(outcome(&mut recorder), Outcome::Started { .. }));
     push(&mut recorder, 0..4_000);
@@ -262,14 +262,15 @@ fn a_part_is_due_by_time_or_by_size_and_a_restart_keeps_to_it() {
     let path = folder.path().join("run.mcap");
     let new = || RecorderFrontEnd::new(Some(states.path().to_owned())).unwrap();
     let mut recorder = new();
-    let refused = Split { every_ns: Some(SECOND_NS / 2), every_bytes: None };
+    let refused = Split { every_ns: Some(SECOND_NS / 2), ..Split::default() };
     let error = recorder.start(request(&path, refused)).unwrap_err().to_string();
     assert!(error.contains("at least 1 s") && error.contains("found 500ms"), "{error}");
-    let refused = Split { every_ns: None, every_bytes: Some(999_999) };
+    let refused = Split { every_bytes: Some(999_999), ..Split::default() };
     let error = recorder.start(request(&path, refused)).unwrap_err().to_string();
     assert!(error.contains("found 999999 bytes"), "{error}");
 
-    let split = Split { every_ns: Some(1_000 * SECOND_NS), every_bytes: Some(1_000_000) };
+    let split =
+        Split { every_ns: Some(1_000 * SECOND_NS), every_bytes: Some(1_000_000), keep_ns: None };
     recorder.tick(SECOND_NS);
     recorder.start(request(&path, split)).unwrap();
     assert!(matches!(outcome(&mut recorder), Outcome::Started { .. }));

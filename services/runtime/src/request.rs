@@ -310,7 +310,7 @@ mod tests {
             every_ns in any::<Option<u64>>(),
             every_bytes in any::<Option<u64>>(),
         ) {
-            let split = Split { every_ns, every_bytes };
+            let split = Split { every_ns, every_bytes, keep_ns: None };
             let request = LoggerRequest::Start { path, metadata, split };
             let bytes = encode(&LOGGER_COMMANDS, &request).unwrap();
             prop_assert_eq!(decode::<LoggerRequest>("test", &bytes).unwrap(), request);

@@ -115,9 +115,10 @@ pub(crate) fn seeds() -> Vec<Vec<u8>> {
         LoggerRequest::Start {
             path: "/data/run.mcap".to_owned(),
             metadata: pairs(),
-            split: ipc_types::Split { every_ns: Some(600_000_000_000), every_bytes: None },
+            split: ipc_types::Split { every_ns: Some(600_000_000_000), ..Default::default() },
         },
         LoggerRequest::Stop,
+        LoggerRequest::NextPart,
         LoggerRequest::Run { metadata: pairs() },
         LoggerRequest::Tag { author: "anna".to_owned(), text: "elbow moved".to_owned() },
     ];

@@ -157,8 +157,8 @@ fn about(recording: &Recording, out: &mut dyn Write) -> std::io::Result<()> {
         true => Ok(()),
         false => writeln!(out, "  {}", entries.join(", ")),
     };
-    use key::{HOST_STALL, PART, PROFILE, PROTOCOL, REVISION, RIG, RIG_NAME, SUBJECT};
-    let keys = [RIG, RIG_NAME, SUBJECT, PROTOCOL, PROFILE, HOST_STALL, PART, REVISION];
+    use key::{HOST_STALL, PART, PROFILE, PROTOCOL, REVISION, RIG, RIG_NAME, RING, SUBJECT};
+    let keys = [RIG, RIG_NAME, SUBJECT, PROTOCOL, PROFILE, HOST_STALL, RING, PART, REVISION];
     let entry = |key: &str| Some(format!("{} {}", key.replace('_', " "), recording.metadata(key)?));
     line(out, keys.into_iter().filter_map(entry).collect())?;
     line(out, [key::PLACEMENT].into_iter().filter_map(entry).collect())?;

@@ -29,6 +29,19 @@ impl Logger {
                 self.drain()?;
                 self.recorder.stop().map(|()| self.stop_reply = Some(reply.clone()))
             }
+            LoggerRequest::NextPart => {
+                let status = self.recorder.status();
+                let error = match (&status.ring, &self.part_wanted) {
+                    (None, _) => "there is no ring (farreach rec start --ring 30s FILE)",
+                    (_, Some(_)) => "somebody else asked for the next part: try again",
+                    (Some(_), None) => {
+                        self.part_wanted = Some(reply);
+                        return Ok(());
+                    }
+                };
+                let _ = reply.send(LoggerAnswer { error: error.to_owned(), ..status });
+                return Ok(());
+            }
             LoggerRequest::Run { metadata } => {
                 self.run = metadata.into_iter().collect();
                 self.run.insert(key::TIME_NS.to_owned(), now_ns().to_string());

@@ -1,6 +1,6 @@
 //! What the logger publishes: events, heartbeats, loss counters, its measurement of the clock.
 
-use ipc_types::{ClockSync, EventKind, Heartbeat, Process, Severity, TOPICS};
+use ipc_types::{ClockSync, EventKind, Heartbeat, LoggerAnswer, Process, Severity, TOPICS};
 use recording::mcap_write::Summary;
 use runtime::PortError;
 use runtime::clock::ClockPair;
@@ -36,7 +36,7 @@ impl Logger {
             }
         };
         let text = match &outcome {
-            Outcome::Started { path }
+            Outcome::Started { path, .. }
             | Outcome::NextPart { path, .. }
             | Outcome::Stopped(Summary { path, .. }) => {
                 ending_of(&path.to_string_lossy()).to_owned()
@@ -48,6 +48,17 @@ impl Logger {
             | Outcome::StateNotKept { error } => error.clone(),
         };
         self.service.event(kind, severity, values, &text)?;
+        let next_part = match &outcome {
+            Outcome::NextPart { ended, .. } => Some(ended.as_ref().err().cloned()),
+            Outcome::NotSplit { error } => Some(Some(error.clone())),
+            _ => None,
+        };
+        if let Some(error) = next_part
+            && let Some(reply) = self.part_reply.take()
+        {
+            let error = error.unwrap_or_default();
+            let _ = reply.send(LoggerAnswer { error, ..self.recorder.status() });
+        }
         let reply = match &outcome {
             Outcome::Started { .. } | Outcome::NotStarted { .. } => self.start_reply.take(),
             Outcome::Stopped(_) | Outcome::StoppedWithError { .. } => {

@@ -208,7 +208,7 @@ fn caller() -> String {
 }
 
 /// The logger's answer, unless it reports an error.
-fn accepted(answer: LoggerAnswer) -> Result<LoggerAnswer, Error> {
+pub(super) fn accepted(answer: LoggerAnswer) -> Result<LoggerAnswer, Error> {
     if answer.error.is_empty() { Ok(answer) } else { Err(Error::Logger(answer.error)) }
 }
 

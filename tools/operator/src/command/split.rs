@@ -1,7 +1,12 @@
 //! When a recording goes on in another file: `--split 10min`, `--split 500MB`.
 
-use ipc_types::Split;
+use std::time::Duration;
 
+use ipc_types::Split;
+use runtime::clock::SECOND_NS;
+
+/// Parts into which the length of a ring is cut.
+const PARTS: u64 = 4;
 /// Sizes by their units (bytes).
 const SIZES: [(&str, f64); 6] = [
     ("kB", 1e3),
@@ -23,11 +28,18 @@ pub(super) fn parse_split(text: &str) -> Result<Split, String> {
     let (number, unit) = text.split_at(digits);
     if let Some((_, factor)) = SIZES.into_iter().find(|(name, _)| *name == unit.trim()) {
         let number: f64 = number.parse().map_err(|_| wrong())?;
-        return Ok(Split { every_bytes: Some((number * factor) as u64), every_ns: None });
+        return Ok(Split { every_bytes: Some((number * factor) as u64), ..Split::default() });
     }
     let time = humantime::parse_duration(text).map_err(|_| wrong())?;
     let every_ns = u64::try_from(time.as_nanos()).map_err(|_| wrong())?;
-    Ok(Split { every_ns: Some(every_ns), every_bytes: None })
+    Ok(Split { every_ns: Some(every_ns), ..Split::default() })
+}
+
+/// A ring of that length: its parts are a quarter of it, but at least a second.
+pub(super) fn ring_of(length: Duration) -> Split {
+    let keep_ns = u64::try_from(length.as_nanos()).unwrap_or(u64::MAX);
+    let every_ns = (keep_ns / PARTS).max(SECOND_NS);
+    Split { every_ns: Some(every_ns), every_bytes: None, keep_ns: Some(keep_ns) }
 }
 
 /// All of them at once: the shortest time and the smallest size.
@@ -35,6 +47,7 @@ pub(super) fn whichever_first(all: &[Split]) -> Split {
     Split {
         every_ns: all.iter().filter_map(|split| split.every_ns).min(),
         every_bytes: all.iter().filter_map(|split| split.every_bytes).min(),
+        keep_ns: None,
     }
 }
 
@@ -44,8 +57,8 @@ mod tests {
 
     #[test]
     fn times_and_sizes_are_told_apart() {
-        let time = |ns| Split { every_ns: Some(ns), every_bytes: None };
-        let size = |bytes| Split { every_ns: None, every_bytes: Some(bytes) };
+        let time = |ns| Split { every_ns: Some(ns), ..Split::default() };
+        let size = |bytes| Split { every_bytes: Some(bytes), ..Split::default() };
         for (text, expected) in [
             ("10min", time(600_000_000_000)),
             ("1h 30m", time(5_400_000_000_000)),
@@ -63,10 +76,22 @@ mod tests {
     }
 
     #[test]
+    fn a_ring_has_parts_of_a_quarter_and_at_least_a_second() {
+        let seconds =
+            |split: Split| [split.every_ns, split.keep_ns].map(|ns| ns.unwrap() as f64 / 1e9);
+        assert_eq!(seconds(ring_of(Duration::from_secs(30))), [7.5, 30.0]);
+        assert_eq!(seconds(ring_of(Duration::from_secs(2))), [1.0, 2.0]);
+    }
+
+    #[test]
     fn of_several_the_first_that_comes_counts() {
         assert_eq!(whichever_first(&[]), Split::default());
         let all = ["10min", "2GB", "5min", "1GB"].map(|text| parse_split(text).unwrap());
-        let first = Split { every_ns: Some(300_000_000_000), every_bytes: Some(1_000_000_000) };
+        let first = Split {
+            every_ns: Some(300_000_000_000),
+            every_bytes: Some(1_000_000_000),
+            keep_ns: None,
+        };
         assert_eq!(whichever_first(&all), first);
     }
 }
