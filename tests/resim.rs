@@ -88,7 +88,8 @@ fn alter(rig: &TestRig, file: &Path) {
     let mut altered = *commands.iter().filter(|one| one.volts[0] != 0.0).nth(500).unwrap();
     let was = altered.volts[0];
     altered.volts[0] += 0.25;
-    let path = rig.path("altered.mcap");
+    std::fs::create_dir(rig.path("altered")).unwrap();
+    let path = rig.path("altered/run.mcap");
     let start = [key::RIG_FILE, key::PROFILE]
         .iter()
         .fold(Start::default(), |start, key| start.with(key, recording.metadata(key).unwrap()));

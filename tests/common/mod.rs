@@ -197,6 +197,9 @@ impl Drop for TestRig {
             kill(pid, Signal::KILL);
         }
         std::thread::sleep(Duration::from_millis(50));
+        if let Some(folder) = std::env::var_os("FARREACH_KEPT_RECORDINGS") {
+            keep_recordings(self.directory.path(), &Path::new(&folder).join(self.name.as_str()));
+        }
         for path in self.remains() {
             let _removed = if path.is_dir() {
                 std::fs::remove_dir_all(path)
@@ -204,6 +207,28 @@ impl Drop for TestRig {
                 std::fs::remove_file(path)
             };
         }
+    }
+}
+
+/// Keeps the recordings of a rig beyond its test, so that they can be run again. Those in folders
+/// below it are altered ones.
+fn keep_recordings(from: &Path, to: &Path) {
+    let files = std::fs::read_dir(from).unwrap().map(|entry| entry.unwrap().path());
+    let recordings: Vec<_> = files
+        .filter(|path| path.is_file() && path.extension().is_some_and(|it| it == "mcap"))
+        .collect();
+    if recordings.is_empty() {
+        return;
+    }
+    // A test may have several rigs, one after another.
+    let folder = (1..).map(|count| to.join(count.to_string())).find(|path| !path.exists()).unwrap();
+    std::fs::create_dir_all(&folder).unwrap();
+    for path in recordings {
+        let kept = folder.join(path.file_name().unwrap());
+        // The folder may lie on another file system.
+        std::fs::hard_link(&path, &kept)
+            .or_else(|_| std::fs::copy(&path, &kept).map(drop))
+            .unwrap();
     }
 }
 

@@ -1,5 +1,5 @@
 //! Loop and writer thread of the logger, stepped in every order. What they share is linearizable
-//! (crossbeam's queue, channels, counters of one word), so that an interleaving of whole steps is
+//! (rtrb's queue, channels, counters of one word), so that an interleaving of whole steps is
 //! what two threads can do; a step is a call of the loop, or a turn of the writer thread.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
@@ -12,6 +12,7 @@ use ipc_types::{Event, Message, Process, event_topic};
 use recording::mcap_write::{Output, Start, WriteError, Writer};
 
 use crate::recorder_front_end::{Outcome, RecorderFrontEnd, StartRequest};
+use crate::writer_queue::HEADER_BYTES;
 use crate::writer_thread::{Disk, Opener, Turn};
 
 /// A disk that keeps nothing.
@@ -53,8 +54,8 @@ const STEPS: [Step; 6] = [Step::Push, Step::Start, Step::Split, Step::Stop, Step
 /// Steps after the first start, before which nothing is recorded, unless `FARREACH_DEPTH` says
 /// another number.
 const LENGTH: u32 = 5;
-/// Messages that find room on their way.
-const SLOTS: usize = 1;
+/// Room for one message on its way.
+const QUEUE_BYTES: usize = HEADER_BYTES + size_of::<Event>();
 
 /// What the interleavings have tried.
 #[derive(Debug, Default)]
@@ -134,7 +135,7 @@ impl Run {
 
 /// One interleaving; `fails` says which of the files cannot be created.
 fn run(length: u32, mut steps: usize, fails: u32, tried: &mut Tried) {
-    let (front, end) = RecorderFrontEnd::unattended(SLOTS);
+    let (front, mut end) = RecorderFrontEnd::unattended(QUEUE_BYTES);
     let asked = Cell::new(0);
     let opener: Opener = Box::new(move |path: &Path, start: &Start, now_ns| {
         let number = asked.replace(asked.get() + 1);
@@ -146,7 +147,7 @@ fn run(length: u32, mut steps: usize, fails: u32, tried: &mut Tried) {
             }
         }
     });
-    let mut disk = Disk::new(&end, None, &opener);
+    let mut disk = Disk::new(&mut end, None, &opener);
     let event = event_topic(Process::Control).unwrap();
     let topic = ipc_types::TOPICS.iter().position(|of| of.name == event.topic.name).unwrap();
     let mut run = Run { front, topic, messages: 0, offered: 0, in_parts: 0 };

@@ -16,5 +16,5 @@ mod writer_queue;
 mod writer_thread;
 
 pub use process::{Logger, LoggerError, Options, revision, run};
-pub use writer_queue::{RingParts, SLOTS as QUEUE_SLOTS};
+pub use writer_queue::{BYTES as QUEUE_BYTES, HEADER_BYTES as QUEUE_HEADER_BYTES, RingParts};
 pub use writer_thread::Opener;

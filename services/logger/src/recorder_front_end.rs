@@ -41,7 +41,7 @@ pub use crate::recorder_error::RecorderError;
 use crate::recorder_error::check_split;
 pub use crate::state::StartRequest;
 pub use crate::writer_queue::Outcome;
-use crate::writer_queue::{Command, NextPart, Queue, RingParts, SLOTS, Shared, Slot};
+use crate::writer_queue::{BYTES, Command, NextPart, QueueSender, RingParts, Shared, queue};
 use crate::writer_thread::{Opener, WriterEnd, open_file, run};
 
 /// How long after an attempt to begin the next part that failed the next one is made.
@@ -59,7 +59,7 @@ struct Count {
 /// Counts messages and hands them to the writer thread; see the module.
 #[derive(Debug)]
 pub struct RecorderFrontEnd {
-    queue: Arc<Queue>,
+    queue: QueueSender,
     shared: Arc<Shared>,
     commands: Sender<Command>,
     outcomes: Receiver<Outcome>,
@@ -95,20 +95,20 @@ impl RecorderFrontEnd {
     /// # Errors
     /// [`RecorderError::Thread`].
     pub fn new(state_directory: Option<PathBuf>) -> Result<Self, RecorderError> {
-        Self::with(state_directory, SLOTS, Box::new(open_file))
+        Self::with(state_directory, BYTES, Box::new(open_file))
     }
 
-    /// As [`Self::new`], with a queue of `slots` messages and another way to open files.
+    /// As [`Self::new`], with a queue of so many bytes and another way to open files.
     ///
     /// # Errors
     /// [`RecorderError::Thread`].
     pub fn with(
         state_directory: Option<PathBuf>,
-        slots: usize,
+        queue_bytes: usize,
         opener: Opener,
     ) -> Result<Self, RecorderError> {
-        let (mut front, end) = Self::unattended(slots);
-        let work = move || run(&end, state_directory.as_deref(), &opener);
+        let (mut front, mut end) = Self::unattended(queue_bytes);
+        let work = move || run(&mut end, state_directory.as_deref(), &opener);
         let thread = std::thread::Builder::new()
             .name("logger-disk".to_owned())
             .spawn(work)
@@ -118,9 +118,9 @@ impl RecorderFrontEnd {
     }
 
     /// Both ends, without a thread at the other.
-    pub(crate) fn unattended(slots: usize) -> (Self, WriterEnd) {
+    pub(crate) fn unattended(queue_bytes: usize) -> (Self, WriterEnd) {
         let counters = || TOPICS.iter().map(|_| AtomicU64::new(0)).collect();
-        let queue = Arc::new(Queue::new(slots.max(1)));
+        let (sender, receiver) = queue(queue_bytes);
         let shared = Arc::new(Shared {
             now_ns: AtomicU64::new(0),
             generation: AtomicU32::new(0),
@@ -130,10 +130,9 @@ impl RecorderFrontEnd {
         });
         let (commands, inbox) = mpsc::channel();
         let (outbox, outcomes) = mpsc::channel();
-        let end =
-            WriterEnd { queue: Arc::clone(&queue), shared: Arc::clone(&shared), inbox, outbox };
+        let end = WriterEnd { queue: receiver, shared: Arc::clone(&shared), inbox, outbox };
         let front = Self {
-            queue,
+            queue: sender,
             shared,
             commands,
             outcomes,
@@ -176,9 +175,9 @@ impl RecorderFrontEnd {
         {
             return;
         }
-        let slot =
-            u16::try_from(topic).ok().and_then(|topic| Slot::new(self.generation, topic, bytes));
-        if slot.is_none_or(|slot| self.queue.push(slot).is_err()) {
+        let queued =
+            u16::try_from(topic).is_ok_and(|topic| self.queue.push(self.generation, topic, bytes));
+        if !queued {
             count.dropped += 1;
         }
     }
@@ -423,7 +422,7 @@ impl RecorderFrontEnd {
         self.splitting_ns.is_some()
     }
     /// Messages waiting for the disk.
-    pub fn queued(&self) -> usize {
+    pub fn queued(&self) -> u64 {
         self.queue.len()
     }
     /// Messages of no known topic.

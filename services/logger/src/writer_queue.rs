@@ -3,16 +3,52 @@
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
-use std::sync::atomic::{AtomicU32, AtomicU64};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 
-use crossbeam_queue::ArrayQueue;
 use ipc_types::{LossCounters, TOPICS};
 use recording::mcap_write::Summary;
+use rtrb::{Consumer, Producer, RingBuffer};
 
 use crate::state::StartRequest;
 
+/// Capacity of the queue (bytes): about four seconds of everything that a rig publishes at 2 kHz.
+/// A disk that stalls longer costs data.
+pub const BYTES: usize = 12 << 20;
+
+/// Bytes that a message takes in the queue beyond its own: generation, topic, length.
+pub const HEADER_BYTES: usize = 8;
+
+/// What precedes a message in the queue.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Header {
+    /// The recording that it belongs to: messages of one never end up in the next.
+    pub(crate) generation: u32,
+    /// Index of the topic.
+    pub(crate) topic: u16,
+    /// Bytes of the message.
+    length: u16,
+}
+
+impl Header {
+    const fn to_bytes(self) -> [u8; HEADER_BYTES] {
+        let [a, b, c, d] = self.generation.to_le_bytes();
+        let ([e, f], [g, h]) = (self.topic.to_le_bytes(), self.length.to_le_bytes());
+        [a, b, c, d, e, f, g, h]
+    }
+
+    const fn from_bytes(bytes: [u8; HEADER_BYTES]) -> Self {
+        let [a, b, c, d, e, f, g, h] = bytes;
+        Self {
+            generation: u32::from_le_bytes([a, b, c, d]),
+            topic: u16::from_le_bytes([e, f]),
+            length: u16::from_le_bytes([g, h]),
+        }
+    }
+}
+
 /// Bytes of the longest message.
-const SLOT_BYTES: usize = longest();
+const LONGEST: usize = longest();
 
 const fn longest() -> usize {
     let mut longest = 0;
@@ -26,43 +62,79 @@ const fn longest() -> usize {
     longest
 }
 
-/// One message on its way to the disk.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Slot {
-    /// The recording that it belongs to: messages of one never end up in the next.
-    pub(crate) generation: u32,
-    /// Index of the topic.
-    pub(crate) topic: u16,
-    length: u16,
-    bytes: [u8; SLOT_BYTES],
+/// A queue of so many bytes, of which a message takes its own and [`HEADER_BYTES`]. All memory is
+/// allocated here: the sending side neither allocates nor waits.
+pub(crate) fn queue(bytes: usize) -> (QueueSender, QueueReceiver) {
+    let (producer, consumer) = RingBuffer::new(bytes);
+    let taken = Arc::new(AtomicU64::new(0));
+    let assembled = || vec![0; HEADER_BYTES + LONGEST].into_boxed_slice();
+    let sender =
+        QueueSender { ring: producer, assembled: assembled(), sent: 0, taken: Arc::clone(&taken) };
+    (sender, QueueReceiver { ring: consumer, assembled: assembled(), taken })
 }
 
-impl Slot {
-    /// A copy of a message; `None` if it is longer than any message of this build.
-    pub(crate) fn new(generation: u32, topic: u16, message: &[u8]) -> Option<Self> {
-        let mut slot = Self {
-            generation,
-            topic,
-            length: u16::try_from(message.len()).ok()?,
-            bytes: [0; SLOT_BYTES],
+/// The process loop's end.
+#[derive(Debug)]
+pub(crate) struct QueueSender {
+    ring: Producer<u8>,
+    /// A message behind its header: both enter the queue at once.
+    assembled: Box<[u8]>,
+    sent: u64,
+    /// Messages that the other end has taken.
+    taken: Arc<AtomicU64>,
+}
+
+impl QueueSender {
+    /// Adds a message behind the others; `false` where there is no room, or where it is longer than
+    /// any message of this build.
+    pub(crate) fn push(&mut self, generation: u32, topic: u16, message: &[u8]) -> bool {
+        let Ok(length) = u16::try_from(message.len()) else { return false };
+        let Some(entry) = self.assembled.get_mut(..HEADER_BYTES + message.len()) else {
+            return false;
         };
-        slot.bytes.get_mut(..message.len())?.copy_from_slice(message);
-        Some(slot)
+        let (header, body) = entry.split_at_mut(HEADER_BYTES);
+        header.copy_from_slice(&Header { generation, topic, length }.to_bytes());
+        body.copy_from_slice(message);
+        let found_room = self.ring.push_entire_slice(entry).is_ok();
+        self.sent += u64::from(found_room);
+        found_room
     }
 
-    /// The message.
-    pub(crate) fn message(&self) -> &[u8] {
-        self.bytes.get(..usize::from(self.length)).unwrap_or_default()
+    /// Messages that wait in the queue.
+    pub(crate) fn len(&self) -> u64 {
+        self.sent.saturating_sub(self.taken.load(Ordering::Relaxed))
     }
 }
 
-/// The bounded queue. All memory is allocated at the start: the sending side neither allocates nor
-/// waits.
-pub(crate) type Queue = ArrayQueue<Slot>;
+/// The writer thread's end.
+#[derive(Debug)]
+pub(crate) struct QueueReceiver {
+    ring: Consumer<u8>,
+    assembled: Box<[u8]>,
+    taken: Arc<AtomicU64>,
+}
 
-/// Capacity of the queue: about four seconds of everything that a rig publishes at 2 kHz. A disk
-/// that stalls longer costs data.
-pub const SLOTS: usize = 40_000;
+impl QueueReceiver {
+    /// What precedes the next message, which stays in the queue.
+    pub(crate) fn next_header(&mut self) -> Option<Header> {
+        let entry = self.ring.read_chunk(HEADER_BYTES).ok()?;
+        let (first, second) = entry.as_slices();
+        let mut bytes = [0; HEADER_BYTES];
+        for (place, byte) in bytes.iter_mut().zip(first.iter().chain(second)) {
+            *place = *byte;
+        }
+        Some(Header::from_bytes(bytes))
+    }
+
+    /// Takes the next message.
+    pub(crate) fn pop(&mut self) -> Option<(Header, &[u8])> {
+        let header = self.next_header()?;
+        let entry = self.assembled.get_mut(..HEADER_BYTES + usize::from(header.length))?;
+        self.ring.pop_entire_slice(entry).ok()?;
+        self.taken.fetch_add(1, Ordering::Relaxed);
+        Some((header, entry.get(HEADER_BYTES..)?))
+    }
+}
 
 /// What the writer thread is told.
 #[derive(Debug)]
@@ -173,4 +245,73 @@ pub(crate) struct Shared {
     pub(crate) refused: Vec<AtomicU64>,
     /// Size of the present part (bytes).
     pub(crate) part_bytes: AtomicU64,
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, clippy::expect_used)]
+
+    use proptest::prelude::*;
+
+    use super::*;
+
+    #[test]
+    fn a_message_takes_its_own_bytes_and_those_of_its_header() {
+        let (mut sender, mut receiver) = queue(3 * (HEADER_BYTES + 10));
+        for _ in 0..3 {
+            assert!(sender.push(1, 2, &[7; 10]));
+        }
+        assert!(!sender.push(1, 2, &[]));
+        assert_eq!(sender.len(), 3);
+        let (header, message) = receiver.pop().unwrap();
+        assert_eq!((header.generation, header.topic, message), (1, 2, &[7; 10][..]));
+        assert!(!sender.push(1, 2, &[7; 11]));
+        assert!(sender.push(1, 2, &[7; 10]));
+        assert_eq!(sender.len(), 3);
+    }
+
+    #[test]
+    fn a_message_longer_than_any_of_this_build_is_refused() {
+        let (mut sender, mut receiver) = queue(BYTES);
+        assert!(!sender.push(1, 2, &[0; LONGEST + 1]));
+        assert!(sender.push(1, 2, &[5; LONGEST]));
+        assert_eq!(receiver.pop().unwrap().1, [5; LONGEST]);
+        assert!(receiver.pop().is_none());
+    }
+
+    proptest! {
+        /// What found room comes out whole and in order, wherever the ring's end cuts it.
+        #[test]
+        fn what_found_room_comes_out_in_order(
+            entries in prop::collection::vec((any::<u32>(), any::<u16>(), 0_usize..60), 1..200),
+            bytes in 1_usize..400,
+            turns in prop::collection::vec(any::<bool>(), 1..400),
+        ) {
+            let (mut sender, mut receiver) = queue(bytes);
+            let mut waiting = std::collections::VecDeque::new();
+            let mut entries = entries.into_iter().enumerate();
+            for push in turns {
+                if push {
+                    let Some((number, (generation, topic, length))) = entries.next() else { break };
+                    let message = vec![number as u8; length];
+                    let held: usize =
+                        waiting.iter().map(|(_, _, m): &(u32, u16, Vec<u8>)| m.len() + HEADER_BYTES)
+                            .sum();
+                    let fits = held + length + HEADER_BYTES <= bytes;
+                    prop_assert_eq!(sender.push(generation, topic, &message), fits);
+                    if fits {
+                        waiting.push_back((generation, topic, message));
+                    }
+                } else {
+                    let next = receiver.next_header();
+                    prop_assert_eq!(next.map(|header| header.topic), waiting.front().map(|m| m.1));
+                    let popped = receiver.pop().map(|(header, message)| {
+                        (header.generation, header.topic, message.to_vec())
+                    });
+                    prop_assert_eq!(popped, waiting.pop_front());
+                }
+                prop_assert_eq!(sender.len(), waiting.len() as u64);
+            }
+        }
+    }
 }

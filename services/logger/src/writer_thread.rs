@@ -13,7 +13,7 @@ use recording::word;
 
 use crate::ring::Ring;
 use crate::state::{self, StartRequest};
-use crate::writer_queue::{Command, NextPart, Outcome, Queue, Shared, Slot};
+use crate::writer_queue::{Command, NextPart, Outcome, QueueReceiver, Shared};
 
 /// Sleep when there is nothing to do; the queue holds seconds of messages.
 const IDLE: Duration = Duration::from_millis(5);
@@ -33,7 +33,7 @@ pub(crate) fn open_file(path: &Path, start: &Start, now_ns: u64) -> Result<Write
 /// The writer thread's end of what it shares with the loop.
 #[derive(Debug)]
 pub(crate) struct WriterEnd {
-    pub(crate) queue: Arc<Queue>,
+    pub(crate) queue: QueueReceiver,
     pub(crate) shared: Arc<Shared>,
     pub(crate) inbox: Receiver<Command>,
     pub(crate) outbox: Sender<Outcome>,
@@ -51,7 +51,7 @@ pub(crate) enum Turn {
 }
 
 pub(crate) struct Disk<'a> {
-    end: &'a WriterEnd,
+    end: &'a mut WriterEnd,
     state_directory: Option<&'a Path>,
     opener: &'a Opener,
     writer: Option<Writer>,
@@ -61,8 +61,6 @@ pub(crate) struct Disk<'a> {
     /// by topic
     parts: Vec<Parts>,
     ring: Ring,
-    /// taken out of the queue before the start command of its recording was read
-    held: Option<Slot>,
 }
 
 /// What the parts of a recording have of a topic.
@@ -77,7 +75,7 @@ struct Parts {
     refused: u64,
 }
 
-pub(crate) fn run(end: &WriterEnd, state_directory: Option<&Path>, opener: &Opener) {
+pub(crate) fn run(end: &mut WriterEnd, state_directory: Option<&Path>, opener: &Opener) {
     let mut disk = Disk::new(end, state_directory, opener);
     loop {
         match disk.turn() {
@@ -91,7 +89,7 @@ pub(crate) fn run(end: &WriterEnd, state_directory: Option<&Path>, opener: &Open
 
 impl<'a> Disk<'a> {
     pub(crate) fn new(
-        end: &'a WriterEnd,
+        end: &'a mut WriterEnd,
         state_directory: Option<&'a Path>,
         opener: &'a Opener,
     ) -> Self {
@@ -104,7 +102,6 @@ impl<'a> Disk<'a> {
             generation: 0,
             parts: vec![Parts::default(); TOPICS.len()],
             ring: Ring::default(),
-            held: None,
         }
     }
 
@@ -143,25 +140,27 @@ impl<'a> Disk<'a> {
     /// Writes queued messages, at most `most`; returns how many.
     fn drain(&mut self, most: usize) -> usize {
         for done in 0..most {
-            let Some(slot) = self.held.take().or_else(|| self.end.queue.pop()) else { return done };
-            // Generations wrap: "later" is less than half the range ahead.
-            let ahead = slot.generation.wrapping_sub(self.generation);
+            let Some(header) = self.end.queue.next_header() else { return done };
+            // Generations wrap: "later" is less than half the range ahead. It waits in the queue
+            // for the start command of its recording.
+            let ahead = header.generation.wrapping_sub(self.generation);
             if ahead != 0 && ahead < u32::MAX / 2 {
-                self.held = Some(slot);
                 return done;
             }
-            self.write(&slot);
+            self.write_next();
         }
         most
     }
 
-    fn write(&mut self, slot: &Slot) {
-        let topic = usize::from(slot.topic);
-        let Some(writer) = self.writer.as_mut().filter(|_| slot.generation == self.generation)
+    /// Writes the next message of the queue.
+    fn write_next(&mut self) {
+        let Some((header, message)) = self.end.queue.pop() else { return };
+        let topic = usize::from(header.topic);
+        let Some(writer) = self.writer.as_mut().filter(|_| header.generation == self.generation)
         else {
             // Its file could not be created, or is closed. What belongs to an earlier recording is
             // no loss of this one.
-            if slot.generation == self.generation
+            if header.generation == self.generation
                 && let Some(refused) = self.end.shared.refused.get(topic)
             {
                 refused.fetch_add(1, Ordering::Relaxed);
@@ -169,7 +168,6 @@ impl<'a> Disk<'a> {
             return;
         };
         let sound = writer.error().is_none();
-        let message = slot.message();
         let result = writer.write(topic, message);
         if result.is_ok()
             && let Some(parts) = self.parts.get_mut(topic)

@@ -9,7 +9,7 @@ use std::time::Duration;
 
 use ipc_types::{Message, Sample};
 use logger::recorder_front_end::{Outcome, RecorderError, RecorderFrontEnd, StartRequest};
-use logger::state;
+use logger::{QUEUE_HEADER_BYTES, state};
 use recording::mcap_read::Recording;
 use recording::mcap_write::{FLUSH_NS, Output, Positions, SYNC_NS, Start, Writer, key};
 
@@ -150,12 +150,14 @@ impl Output for Gate {
     }
 }
 
-fn gated(gate: &Gate, slots: usize) -> RecorderFrontEnd {
+/// With room for so many samples on their way.
+fn gated(gate: &Gate, samples: usize) -> RecorderFrontEnd {
     let gate = gate.clone();
     let opener = move |path: &Path, start: &Start, now: u64| {
         Writer::to_output(Box::new(gate.clone()), path, start, now)
     };
-    RecorderFrontEnd::with(None, slots, Box::new(opener)).unwrap()
+    let queue_bytes = samples * (size_of::<Sample>() + QUEUE_HEADER_BYTES);
+    RecorderFrontEnd::with(None, queue_bytes, Box::new(opener)).unwrap()
 }
 
 #[test]

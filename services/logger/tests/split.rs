@@ -8,9 +8,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use ipc_types::{Message, MotorCommand, Sample, Split, TOPICS};
-use logger::Opener;
 use logger::recorder_front_end::{Outcome, RecorderError, RecorderFrontEnd, StartRequest};
-use logger::state;
+use logger::{Opener, QUEUE_BYTES, QUEUE_HEADER_BYTES, state};
 use recording::mcap_edit::{check_one_session, rewrite};
 use recording::mcap_read::Recording;
 use recording::mcap_write::{Start, WriteError, Writer, key};
@@ -20,6 +19,8 @@ use recording::part_path;
 const LONG: Duration = Duration::from_secs(60);
 const SECOND_NS: u64 = 1_000_000_000;
 const SAMPLE_NS: u64 = 500_000;
+/// Bytes for about a hundred samples and commands.
+const ROOM: usize = 100 * (QUEUE_HEADER_BYTES + size_of::<Sample>());
 
 fn topic(name: &str) -> usize {
     TOPICS.iter().position(|topic| topic.name == name).unwrap()
@@ -170,7 +171,7 @@ fn what_a_full_queue_drops_is_counted_in_its_part() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("run.mcap");
     let may = Arc::new(AtomicBool::new(true));
-    let mut recorder = RecorderFrontEnd::with(None, 100, waiting(&may)).unwrap();
+    let mut recorder = RecorderFrontEnd::with(None, ROOM, waiting(&may)).unwrap();
     recorder.start(request(&path, Split::default())).unwrap();
     assert!(matches!(outcome(&mut recorder), Outcome::Started { .. }));
     let settle = |recorder: &RecorderFrontEnd| {
@@ -224,7 +225,7 @@ fn a_recording_goes_on_where_the_next_part_cannot_be_begun() {
         }
         Writer::create(path, start, now_ns)
     });
-    let mut recorder = RecorderFrontEnd::with(None, 100_000, opener).unwrap();
+    let mut recorder = RecorderFrontEnd::with(None, 4 * QUEUE_BYTES, opener).unwrap();
     let split = Split { every_ns: Some(2 * SECOND_NS), ..Split::default() };
     recorder.start(request(&path, split)).unwrap();
     assert!(matches!(outcome(&mut recorder), Outcome::Started { .. }));

@@ -85,7 +85,7 @@ impl Logger {
             .map(|c| c.gaps + c.dropped + c.refused);
         let message = Heartbeat {
             lost: lost.sum::<u64>() + self.recorder.unknown(),
-            queued: self.recorder.queued() as u64,
+            queued: self.recorder.queued(),
             pid: std::process::id(),
             source: Process::Logger.code(),
             state: u8::from(self.recorder.recording()),

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::Context as _;
 use ipc_types::{Rate, TOPICS, Topic};
-use logger::QUEUE_SLOTS;
+use logger::{QUEUE_BYTES, QUEUE_HEADER_BYTES};
 use runtime::Verdict;
 use rustix::fs::fdatasync;
 use serde::Serialize;
@@ -30,8 +30,8 @@ const NEED: f64 = 2.0;
 /// CDR header (4).
 const AROUND_A_MESSAGE: usize = 35;
 
-/// What a rig publishes, uncompressed: messages per second, and bytes per second.
-fn recorded() -> (f64, f64) {
+/// What a rig publishes: messages per second, and bytes per second with so many more for each.
+fn published(around_a_message: usize) -> (f64, f64) {
     let rate = |topic: &Topic| match topic.rate {
         Rate::Loop(process) => process.real_time().map_or(0.0, |of| f64::from(of.rate_hz)),
         Rate::Hertz(hertz) => f64::from(hertz),
@@ -39,7 +39,7 @@ fn recorded() -> (f64, f64) {
     };
     TOPICS.iter().fold((0.0, 0.0), |(messages, bytes), topic| {
         let rate = rate(topic);
-        (messages + rate, bytes + rate * (topic.size + AROUND_A_MESSAGE) as f64)
+        (messages + rate, bytes + rate * (topic.size + around_a_message) as f64)
     })
 }
 
@@ -54,7 +54,7 @@ pub(crate) struct Sustained {
 
 pub(crate) fn examine_write(bench: &mut Bench<'_>) -> anyhow::Result<Outcome> {
     let bytes_per_s = sustained(bench.folder())?;
-    let found = Sustained { bytes_per_s, needed_bytes_per_s: recorded().1 };
+    let found = Sustained { bytes_per_s, needed_bytes_per_s: published(AROUND_A_MESSAGE).1 };
     Ok(judge_write(found).measured(&found))
 }
 
@@ -104,11 +104,16 @@ pub(crate) struct Syncs {
 }
 
 pub(crate) fn examine_sync(bench: &mut Bench<'_>) -> anyhow::Result<Outcome> {
-    let (messages_per_s, bytes_per_s) = recorded();
+    let (_, bytes_per_s) = published(AROUND_A_MESSAGE);
     let part = (bytes_per_s * SYNC_EVERY.as_secs_f64()) as usize;
     let (count, longest_s) = syncs(bench.folder(), part)?;
-    let found = Syncs { count, longest_s, queue_s: QUEUE_SLOTS as f64 / messages_per_s };
+    let found = Syncs { count, longest_s, queue_s: queue_s() };
     Ok(judge_sync(found).measured(&found))
+}
+
+/// How long the logger's queue takes in everything while the disk stands still (s).
+fn queue_s() -> f64 {
+    QUEUE_BYTES as f64 / published(QUEUE_HEADER_BYTES).1
 }
 
 /// Writes and syncs at a recording's rate.
@@ -168,13 +173,13 @@ mod tests {
 
     #[test]
     fn the_rate_of_a_recording_follows_from_the_table_of_topics() {
-        let (messages, bytes) = recorded();
+        let (messages, bytes) = published(AROUND_A_MESSAGE);
         // Sample, scan and output at 2 kHz, token and line at 1 kHz, command and setpoint at
         // 500 Hz, and some slow ones.
         assert!((9000.0..9500.0).contains(&messages), "{messages}");
         assert!((1e6..2e7).contains(&bytes), "{bytes}");
         // "About four seconds", says the queue.
-        assert!((3.5..5.0).contains(&(QUEUE_SLOTS as f64 / messages)));
+        assert!((3.5..5.0).contains(&queue_s()), "{}", queue_s());
     }
 
     #[test]
