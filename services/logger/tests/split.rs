@@ -314,7 +314,7 @@ fn a_part_is_due_by_time_or_by_size_and_a_restart_keeps_to_it() {
     let mut recorder = new();
     recorder.tick(5_000 * SECOND_NS);
     recorder.start(kept.next_part(BTreeMap::new())).unwrap();
-    let Outcome::Started { path: third } = outcome(&mut recorder) else { panic!() };
+    let Outcome::Started { path: third, .. } = outcome(&mut recorder) else { panic!() };
     assert_eq!(third, part_path(&path, 3));
     recorder.tick(5_999 * SECOND_NS);
     assert!(!recorder.split_due());
