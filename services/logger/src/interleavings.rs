@@ -192,6 +192,11 @@ fn run(length: u32, mut steps: usize, fails: u32, tried: &mut Tried) {
     }
 }
 
+fn has_split(length: u32, steps: usize) -> bool {
+    let count = STEPS.len();
+    (0..length).any(|at| matches!(STEPS[steps / count.pow(at) % count], Step::Split))
+}
+
 #[test]
 fn in_every_interleaving_each_message_is_written_or_counted_once() {
     let mut tried = Tried::default();
@@ -199,12 +204,15 @@ fn in_every_interleaving_each_message_is_written_or_counted_once() {
     let length = depth.unwrap_or(LENGTH);
     let interleavings = STEPS.len().pow(length);
     for steps in 0..interleavings {
-        // The first file can be created, or not; so can the second.
+        // The first file can be created, or not; so can the second, where one is asked for.
         for fails in [0b0, 0b1, 0b10] {
+            if fails == 0b10 && !has_split(length, steps) {
+                continue;
+            }
             run(length, steps, fails, &mut tried);
         }
     }
-    println!("{} interleavings: {tried:?}", 3 * interleavings);
+    println!("{interleavings} interleavings: {tried:?}");
     let Tried { written, dropped, not_started, stopped, split, not_split } = tried;
     let all = [written, dropped, not_started, stopped, split, not_split];
     assert!(all.iter().all(|count| *count > 10));

@@ -187,9 +187,10 @@ fn nothing_is_overwritten_or_half_written() {
     let folder = Folder::new();
     long::write(&folder.path("run.mcap"), 2);
     let run = folder.text("run.mcap");
-    let to = |out: &str| vec!["export", &run, "--to", "parquet", "--topic", "sample", "-o", out];
     fs::write(folder.path("there.parquet"), "somebody's").unwrap();
-    let error = fails(&to(&folder.text("there.parquet")));
+    let there = folder.text("there.parquet");
+    let words = ["export", &run, "--to", "parquet", "--topic", "sample", "-o", &there];
+    let error = fails(&words);
     assert!(error.contains("never overwritten"), "{error}");
     assert_eq!(fs::read(folder.path("there.parquet")).unwrap(), b"somebody's");
 
