@@ -57,7 +57,10 @@ use std::io::Write;
 
 use runtime::RigName;
 
-pub use args::Command;
+pub use args::{Command, period};
+pub use attach::{Attached, ns, topics};
+pub use stream::{Arrived, Progress, Sent, Source, Stamp, Stream};
+pub use thinning::Thinning;
 
 /// Runs the command and prints to standard output; returns the exit code.
 ///
