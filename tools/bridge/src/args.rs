@@ -1,6 +1,7 @@
 //! The command line of `farreach bridge`.
 
 use std::net::{IpAddr, Ipv4Addr};
+use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
 
@@ -13,6 +14,12 @@ pub enum Command {
         farreach bridge foxglove --topic sample --topic command --every 0.01\n  \
         farreach bridge foxglove --host 192.168.7.2 --port 8766")]
     Foxglove(FoxgloveArgs),
+    /// Sends the samples, and the events as markers, by Lab Streaming Layer, for its recorder and
+    /// all programs that receive such streams; needs liblsl, which is looked for when it is run
+    #[command(after_help = "Examples:\n  farreach bridge lsl\n  \
+        farreach bridge lsl --topic sample --topic setpoint\n  \
+        farreach bridge lsl --library venv/lib/python3.13/site-packages/pylsl/lib/liblsl.so")]
+    Lsl(LslArgs),
 }
 
 /// Arguments of `foxglove`.
@@ -36,4 +43,15 @@ pub struct FoxgloveArgs {
     /// Programs, pages of this computer and Foxglove's own site need not be named
     #[arg(long = "origin", value_name = "ORIGIN")]
     pub origins: Vec<String>,
+}
+
+/// Arguments of `lsl`.
+#[derive(Clone, Debug, Args)]
+pub struct LslArgs {
+    /// Sends this topic (repeatable) [default: sample]. Events are sent as markers in any case
+    #[arg(long = "topic", value_name = "TOPIC")]
+    pub topics: Vec<String>,
+    /// liblsl, where the system does not find it by itself
+    #[arg(long, value_name = "FILE", env = "PYLSL_LIB", hide_env_values = true)]
+    pub library: Option<PathBuf>,
 }

@@ -59,6 +59,7 @@ use runtime::RigName;
 
 pub use args::{Command, period};
 pub use attach::{Attached, ns, topics};
+pub use scope::channel;
 pub use stream::{Arrived, Progress, Sent, Source, Stamp, Stream};
 pub use thinning::Thinning;
 
