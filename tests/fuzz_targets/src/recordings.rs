@@ -366,7 +366,7 @@ pub(crate) fn plain_seeds() -> Vec<Vec<u8>> {
 
 pub(crate) fn seeds() -> Vec<Vec<u8>> {
     let mut seeds = plain_seeds();
-    seeds.extend([by_the_logger(40, true), by_the_logger(40, false), ZSTD.to_vec()]);
+    seeds.extend([by_the_logger(20, true), by_the_logger(20, false), ZSTD.to_vec()]);
     seeds.extend([b"".to_vec(), b"t_s,master_rad\n0,1\n".to_vec()]);
     seeds
 }
