@@ -5,7 +5,7 @@
 mod cores;
 
 use acquisition::homing::Homing;
-use cores::{PROFILE, Published, Rig, SESSION, Timeline};
+use cores::{MOVEMENT, PROFILE, Published, Rig, SECOND, SESSION, Timeline};
 use ipc_types::{MotorCommand, Value};
 use resim::{NotCompared, OtherAxes, Recorded, Replay, Report, Rigs};
 use rig::RigFile;
@@ -13,19 +13,6 @@ use rig::RigFile;
 const RIG: &str = include_str!("../../../launch/rigs/hydrostatic.toml");
 const THREE: &str = include_str!("../../../launch/rigs/three-axis.toml");
 const HOME: &str = include_str!("../../../launch/protocols/home.toml");
-const MOVEMENT: &str = r#"[protocol]
-name = "to and fro"
-
-[[segments]]
-kind = "guided_sine"
-amplitude_deg = 25.0
-frequency_hz = 1.0
-duration_s = 60.0
-fade_in_s = 0.8
-"#;
-
-/// Ticks of the card in a second.
-const SECOND: u64 = 2000;
 
 fn rig() -> RigFile {
     RigFile::parse(RIG, "rig.toml").unwrap()

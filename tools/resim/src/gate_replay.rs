@@ -8,11 +8,11 @@
 use std::collections::BTreeMap;
 
 use ipc_types::program_flow::{ACQUISITION_CYCLE, signature};
-use ipc_types::{AXES, COMMAND, GateCause, GateState, Sample, TOKEN, Topic};
+use ipc_types::{AXES, COMMAND, GateCause, GateState, Message, Sample, TOKEN, Topic};
 use runtime::gate::{Gate, GateConfig, GateOutput};
 
 use crate::difference::{FieldDifference, first_difference};
-use crate::history::Inputs;
+use crate::history::{History, Inputs};
 use crate::report::{Begin, CoreReport, Difference, NotCompared, Used};
 use crate::rigs::Rigs;
 use crate::used::{used_command, used_token};
@@ -185,6 +185,26 @@ fn used(process: &Process, sample: &Sample, inputs: &Inputs) -> Vec<Used> {
     used
 }
 
+/// Hands on the messages of a topic from number `next` on to the last one that was received, if any
+/// was, as far as they were published by a time.
+fn show_new<T: Message>(
+    next: &mut u64,
+    (last, history, topic): (Option<u64>, &History<T>, &Topic),
+    now_ns: u64,
+    mut observe: impl FnMut(&T),
+) {
+    let Some(last) = last else { return };
+    // What is overwritten before it is received was never shown.
+    *next = (*next).max((last + 1).saturating_sub(topic.buffer as u64));
+    while *next <= last
+        && let Some(message) = history.get(*next)
+        && message.time_ns() <= now_ns
+    {
+        observe(message);
+        *next += 1;
+    }
+}
+
 impl Process {
     /// `begins`: from its first sample on. Before it no token can have named this process, so that
     /// the gate was closed in every cycle up to it.
@@ -285,28 +305,12 @@ impl Process {
             self.next_command = received.command.unwrap_or(self.next_command);
             self.shown = received.token.is_some() && received.command.is_some();
         }
-        // What is overwritten before it is received was never shown.
-        let oldest = |last: u64, topic: &Topic| (last + 1).saturating_sub(topic.buffer as u64);
-        if let Some(last) = received.token {
-            self.next_token = self.next_token.max(oldest(last, &TOKEN.topic));
-            while self.next_token <= last
-                && let Some(token) = inputs.tokens.get(self.next_token)
-                && token.time_ns <= now_ns
-            {
-                self.gate.observe_token(token);
-                self.next_token += 1;
-            }
-        }
-        if let Some(last) = received.command {
-            self.next_command = self.next_command.max(oldest(last, &COMMAND.topic));
-            while self.next_command <= last
-                && let Some(command) = inputs.commands.get(self.next_command)
-                && command.time_ns <= now_ns
-            {
-                self.gate.observe_command(command);
-                self.next_command += 1;
-            }
-        }
+        let tokens = (received.token, &inputs.tokens, &TOKEN.topic);
+        show_new(&mut self.next_token, tokens, now_ns, |token| self.gate.observe_token(token));
+        let commands = (received.command, &inputs.commands, &COMMAND.topic);
+        show_new(&mut self.next_command, commands, now_ns, |command| {
+            self.gate.observe_command(command);
+        });
     }
 
     /// Whether the state follows from what was seen, now that the gate is open: an open gate keeps

@@ -54,32 +54,23 @@ impl Kind {
     /// Hands a message on, unless its body is too short for one.
     fn hand_on(self, conversion: &Conversion, body: &[u8], take: &mut impl FnMut(Recorded<'_>)) {
         match self {
-            Self::Sample => {
-                if let Some(message) = conversion.apply::<Sample>(body) {
-                    take(Recorded::Sample(&message));
-                }
-            }
-            Self::Setpoint => {
-                if let Some(message) = conversion.apply::<Setpoint>(body) {
-                    take(Recorded::Setpoint(&message));
-                }
-            }
-            Self::Command => {
-                if let Some(message) = conversion.apply::<MotorCommand>(body) {
-                    take(Recorded::Command(&message));
-                }
-            }
-            Self::Token => {
-                if let Some(message) = conversion.apply::<EnableToken>(body) {
-                    take(Recorded::Token(&message));
-                }
-            }
-            Self::Line => {
-                if let Some(message) = conversion.apply::<EnableLine>(body) {
-                    take(Recorded::Line(&message));
-                }
-            }
+            Self::Sample => hand_on(conversion, body, |it| Recorded::Sample(it), take),
+            Self::Setpoint => hand_on(conversion, body, |it| Recorded::Setpoint(it), take),
+            Self::Command => hand_on(conversion, body, |it| Recorded::Command(it), take),
+            Self::Token => hand_on(conversion, body, |it| Recorded::Token(it), take),
+            Self::Line => hand_on(conversion, body, |it| Recorded::Line(it), take),
         }
+    }
+}
+
+fn hand_on<T: Message>(
+    conversion: &Conversion,
+    body: &[u8],
+    recorded: impl for<'a> FnOnce(&'a T) -> Recorded<'a>,
+    take: &mut impl FnMut(Recorded<'_>),
+) {
+    if let Some(message) = conversion.apply::<T>(body) {
+        take(recorded(&message));
     }
 }
 

@@ -25,6 +25,21 @@ use simulator::Card;
 use simulator::faults::{Fault, FaultInjector};
 use watchdog::interlock::{Config, Interlock, Peers};
 
+/// A protocol that moves the handle for longer than any test looks.
+pub const MOVEMENT: &str = r#"[protocol]
+name = "to and fro"
+
+[[segments]]
+kind = "guided_sine"
+amplitude_deg = 25.0
+frequency_hz = 1.0
+duration_s = 60.0
+fade_in_s = 0.8
+"#;
+
+/// Card ticks in a second.
+pub const SECOND: u64 = 2000;
+
 pub const SESSION: u64 = 7;
 pub const ACQUISITION: u64 = 11;
 pub const CONTROL: u64 = 12;

@@ -11,7 +11,7 @@ mod cores;
 mod page;
 
 use acquisition::homing::{Homing, HomingState};
-use cores::{Rig, SESSION, Timeline};
+use cores::{MOVEMENT, Rig, SECOND, SESSION, Timeline};
 use ipc_types::{AXES, GateState, TripCause, Verb, WatchdogState, Zeros};
 use plant::transmission_kinds::Kind;
 use rig::RigFile;
@@ -23,19 +23,6 @@ const RIGS: [(Kind, &str); 2] = [
     (Kind::Cable, include_str!("../../../../launch/rigs/cable.toml")),
 ];
 
-const MOVEMENT: &str = r#"[protocol]
-name = "to and fro"
-
-[[segments]]
-kind = "guided_sine"
-amplitude_deg = 25.0
-frequency_hz = 1.0
-duration_s = 60.0
-fade_in_s = 0.8
-"#;
-
-/// Card ticks in a second.
-const SECOND: u64 = 2000;
 /// From the first scan to the fault: power and fade-in are over, and the handle moves.
 const BEFORE: u64 = 2 * SECOND + 600;
 /// For so long the rig is watched after it.
