@@ -138,9 +138,6 @@ impl Span<'_> {
 const NS: u64 = 1_000_000_000;
 
 fn span_ns(source: &Recording) -> Result<Option<(u64, u64)>, ReadError> {
-    let contents = match source.contents()? {
-        Some(contents) => contents,
-        None => source.check()?.contents(),
-    };
+    let contents = source.contents_or_check()?;
     Ok(contents.origin_ns.zip(contents.span_ns().map(|(_, last)| last)))
 }

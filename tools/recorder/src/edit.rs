@@ -52,10 +52,7 @@ pub(crate) fn cut(
         bail!("--from {from} --to {until}: expected an end after the beginning");
     }
     let recording = Recording::open(file)?;
-    let contents = match recording.contents()? {
-        Some(contents) => contents,
-        None => recording.check()?.contents(),
-    };
+    let contents = recording.contents_or_check()?;
     let (Some(first), Some((_, last))) = (contents.origin_ns, contents.span_ns()) else {
         bail!("{}: there are no messages to cut", file.display());
     };

@@ -73,6 +73,17 @@ fn first_of(block: &Block, order: Order) -> Option<u64> {
 }
 
 impl Recording {
+    /// As [`Self::contents`]; a recording whose end does not tell it is read as a whole.
+    ///
+    /// # Errors
+    /// Those of [`Self::check`].
+    pub fn contents_or_check(&self) -> Result<Contents, ReadError> {
+        match self.contents()? {
+            Some(contents) => Ok(contents),
+            None => Ok(self.check()?.contents()),
+        }
+    }
+
     /// What is in the recording by the summary at its end: counts are those that the writer noted,
     /// and times come from the few chunks that can hold the first and last message of a channel,
     /// which are read. `None` where the summary is not there, does not say it, or contradicts what
