@@ -6,12 +6,12 @@ use iceoryx2::port::publisher::Publisher;
 use iceoryx2::service::ipc;
 use ipc_types::{
     COMMAND, COMMAND_SERVICES, ENABLE_LINE, EnableLine, EnableToken, Message, Mode, MotorCommand,
-    Process, Profile, SAMPLE, SETPOINT, Sample, Setpoint, TOKEN, TypedTopic,
+    Process, SAMPLE, SETPOINT, Sample, Setpoint, TOKEN, TypedTopic,
 };
 use runtime::clock::now_ns;
 
 use crate::common::monitor::{STRANGER, Seen};
-use crate::expected::{Expected, one_message};
+use crate::expected::{Expected, ONE_MESSAGE};
 
 /// What is forged.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -73,8 +73,8 @@ impl Forgery {
     }
 
     /// What must become of the motor.
-    pub fn expected(self, profile: Profile) -> Expected {
-        if self.is_refused() { Expected::Stays } else { one_message(profile) }
+    pub const fn expected(self) -> Expected {
+        if self.is_refused() { Expected::Stays } else { ONE_MESSAGE }
     }
 
     /// Whether it is refused without any effect on the motor.

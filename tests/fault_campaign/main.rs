@@ -44,7 +44,7 @@ use verdict::Verdict;
 
 /// Injections of each kind in a test run.
 const INJECTIONS: usize = 1;
-/// Attempts at one injection; a stall of the host spoils an attempt.
+/// Attempts at one injection. A stall of the host spoils one; what spoils all is no stall.
 const ATTEMPTS: usize = 12;
 /// Where the inner process writes its outcomes.
 const TO: &str = "FARREACH_CAMPAIGN_TO";
@@ -197,14 +197,19 @@ fn campaign(to: &Path) {
     rig.down();
 }
 
-/// Injects until the host did not spoil it; every attempt is written.
+/// Injects until the host did not spoil it, [`ATTEMPTS`] times at most; every attempt is written.
 fn struck(target: &mut Target, kind: &Kind, file: &mut std::fs::File) -> Outcome {
     let mut attempt = 1;
     loop {
-        let outcome = target.strike(kind);
+        let mut outcome = target.strike(kind);
+        if attempt == ATTEMPTS
+            && let Verdict::HostStalled(why) = &outcome.verdict
+        {
+            outcome.verdict = Verdict::Failed(format!("{ATTEMPTS} times in a row: {why}"));
+        }
         writeln!(file, "{}", serde_json::to_string(&outcome).unwrap()).unwrap();
         match &outcome.verdict {
-            Verdict::HostStalled(why) if attempt < ATTEMPTS => {
+            Verdict::HostStalled(why) => {
                 let first = why.lines().next().unwrap_or_default();
                 let stall_ms = outcome.stall_ms;
                 eprintln!("repeated: {}: {first}; stall {stall_ms:.1} ms", kind.name);

@@ -14,7 +14,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::common::monitor::{LIMIT, Monitor, Sender, tick_of};
 use crate::common::{Signal, TestRig, kill, pulse_of, told, wait_for};
-use crate::expected::{Expected, of_death, of_machine, of_stop, one_message};
+use crate::expected::{Expected, ONE_MESSAGE, of_death, of_machine, of_stop};
 use crate::forgeries::{Forgery, LATER, Newest};
 use crate::host_stalls::HostStalls;
 use crate::host_troubles::PrivateDisks;
@@ -205,7 +205,7 @@ impl Target {
                 let newest = || Newest::of(&self.monitor.seen()).expect("all have spoken");
                 let sent = forgery.send(&self.monitor.node(), &newest);
                 let from = tick_of(sent.sent_ns);
-                Injected { _kept: Some(sent.kept), ..simple(from, forgery.expected(profile)) }
+                Injected { _kept: Some(sent.kept), ..simple(from, forgery.expected()) }
             }
             Injection::Host(trouble) => {
                 trouble.make(&self.rig, &self.monitor, self.disks.as_ref());
@@ -214,7 +214,7 @@ impl Target {
             Injection::Verb(verb) => {
                 self.rig.ok([verb]);
                 // From the answer on, with which the watchdog has executed it.
-                simple(tick_of(now_ns()), one_message(profile))
+                simple(tick_of(now_ns()), ONE_MESSAGE)
             }
             Injection::SetpointsEnd => {
                 self.monitor.lead(false);

@@ -48,6 +48,26 @@ impl Row<'_> {
         self.counted().filter_map(|it| it.bound_ticks).max().map(milliseconds)
     }
 
+    /// Why the power went, where no bound says when: causes of the trips, how often, and the
+    /// longest time to 0 V.
+    fn causes(&self) -> Option<String> {
+        if self.bound_ms().is_some() {
+            return None;
+        }
+        let mut by_cause: BTreeMap<&str, (usize, u64)> = BTreeMap::new();
+        for outcome in self.counted() {
+            let Some(ticks) = outcome.off_ticks else { continue };
+            let cause = outcome.cause.as_deref().unwrap_or("no trip");
+            let (count, longest) = by_cause.entry(cause).or_default();
+            (*count, *longest) = (*count + 1, ticks.max(*longest));
+        }
+        let told = |(cause, (count, longest)): (&str, (usize, u64))| {
+            format!("{count} × {cause}, at most {:.1} ms", milliseconds(longest))
+        };
+        let all: Vec<String> = by_cause.into_iter().map(told).collect();
+        (!all.is_empty()).then(|| format!("{}: {}", self.kind, all.join("; ")))
+    }
+
     fn cells(&self) -> [String; 7] {
         let off = self.off_ms();
         let of =
@@ -148,6 +168,9 @@ pub fn text(outcomes: &[Outcome]) -> String {
             let counts = format!("{failed:>2} {repeated:>3}  {back}");
             writeln!(text, "{name} {count:>4} {kept:>4}  {off} {bound:>6} {counts}").unwrap();
         }
+        for row in rows(outcomes, profile) {
+            row.causes().inspect(|causes| writeln!(text, "{causes}").unwrap());
+        }
     }
     text
 }
@@ -163,6 +186,11 @@ pub fn write_page(outcomes: &[Outcome]) {
         writeln!(page, "|---|{}", "--:|".repeat(HEAD.len() - 1)).unwrap();
         for row in rows(outcomes, profile) {
             writeln!(page, "| {} | {} |", row.kind, row.cells().join(" | ")).unwrap();
+        }
+        writeln!(page, "\nCauses of the trips where no bound is given:\n").unwrap();
+        for causes in rows(outcomes, profile).iter().filter_map(Row::causes) {
+            let options = textwrap::Options::new(100).initial_indent("- ").subsequent_indent("  ");
+            writeln!(page, "{}", textwrap::fill(&causes, options)).unwrap();
         }
     }
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/fault-campaign.md");

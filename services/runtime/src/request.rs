@@ -188,42 +188,36 @@ impl Server {
         Ok(Self { port, service: *service })
     }
 
-    /// Answers what is waiting; returns how many requests that were. A request that cannot be
-    /// decoded is dropped and reported to `broken`.
+    /// Answers the request that has waited longest; returns whether there was one. Whoever serves
+    /// looks at everything else between two requests. One that cannot be decoded is dropped and
+    /// reported to `broken`.
     pub fn poll<Q: DeserializeOwned, A: Serialize>(
         &self,
-        mut answer: impl FnMut(Q) -> A,
+        answer: impl FnOnce(Q) -> A,
         mut broken: impl FnMut(RequestError),
-    ) -> Result<usize, RequestError> {
-        let mut count = 0;
-        loop {
-            let request = match self.port.receive() {
-                Ok(Some(request)) => request,
-                Ok(None) => break,
-                // A client that died while it was being connected; reported once, the others are in
-                // order.
-                Err(ReceiveError::ConnectionFailure(error)) => {
-                    broken(failed(self.service.name, "connecting a client")(error));
-                    break;
-                }
-                Err(error) => return Err(failed(self.service.name, "receiving")(error)),
-            };
-            count += 1;
-            let done = decode::<Q>(self.service.name, request.payload()).and_then(|question| {
-                let bytes = encode(&self.service, &answer(question))?;
-                let loaned = request
-                    .loan_slice_uninit(bytes.len())
-                    .map_err(failed(self.service.name, "loaning an answer"))?;
-                loaned
-                    .write_from_slice(&bytes)
-                    .send()
-                    .map_err(failed(self.service.name, "answering"))
-            });
-            if let Err(error) = done {
-                broken(error);
+    ) -> Result<bool, RequestError> {
+        let request = match self.port.receive() {
+            Ok(Some(request)) => request,
+            Ok(None) => return Ok(false),
+            // A client that died while it was being connected; reported once, the others are in
+            // order.
+            Err(ReceiveError::ConnectionFailure(error)) => {
+                broken(failed(self.service.name, "connecting a client")(error));
+                return Ok(false);
             }
+            Err(error) => return Err(failed(self.service.name, "receiving")(error)),
+        };
+        let done = decode::<Q>(self.service.name, request.payload()).and_then(|question| {
+            let bytes = encode(&self.service, &answer(question))?;
+            let loaned = request
+                .loan_slice_uninit(bytes.len())
+                .map_err(failed(self.service.name, "loaning an answer"))?;
+            loaned.write_from_slice(&bytes).send().map_err(failed(self.service.name, "answering"))
+        });
+        if let Err(error) = done {
+            broken(error);
         }
-        Ok(count)
+        Ok(true)
     }
 }
 

@@ -75,14 +75,18 @@ impl Worker {
                 let broken = |error| {
                     eprintln!("farreach {}: request dropped: {error}", service.owner);
                 };
-                if let Err(error) = server.poll(|request| answer(&mut handler, request), broken) {
-                    eprintln!(
-                        "farreach {}: requests are no longer answered: {error}",
-                        service.owner
-                    );
-                    return;
+                match server.poll(|request| answer(&mut handler, request), broken) {
+                    // Another one may wait.
+                    Ok(true) => {}
+                    Ok(false) => std::thread::sleep(POLL_PERIOD),
+                    Err(error) => {
+                        eprintln!(
+                            "farreach {}: requests are no longer answered: {error}",
+                            service.owner
+                        );
+                        return;
+                    }
                 }
-                std::thread::sleep(POLL_PERIOD);
             }
             idle(&mut handler);
         })?;

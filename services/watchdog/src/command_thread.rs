@@ -198,12 +198,15 @@ fn serve(
                 let _queued = shared.clock_steps.push(step_s);
             }
         }
-        server.poll(
+        // One verb at a time: between two of them everything else is looked at.
+        let answered = server.poll(
             |verb: Verb| answer_through(gate, verb, shared),
             |error| eprintln!("farreach watchdog: a command could not be answered: {error}"),
         )?;
         shared.cycles.fetch_add(1, Ordering::Relaxed);
-        std::thread::sleep(PERIOD);
+        if !answered {
+            std::thread::sleep(PERIOD);
+        }
     }
     Ok(())
 }
