@@ -70,6 +70,9 @@ pub fn of_machine(fault: &FaultKind, place: usize, profile: Profile) -> Expected
         (Promise::Trips(..), Profile::BestEffort) if fault.action == Action::FifoOverflow => {
             Expected::Either
         }
+        (Promise::Trips(..), Profile::BestEffort) if fault.action == Action::LineBroken => {
+            Expected::Off(Timeouts::of(profile).enable_line_ns / TICK_NS + SLACK)
+        }
         (Promise::Trips(_, ticks), Profile::BestEffort) => Expected::Off(ticks + SLACK),
         (Promise::AtALimit(_), _) => Expected::Either,
         (Promise::NotNoticed, _) => Expected::Stays,
