@@ -29,7 +29,8 @@ const PERIOD: Duration = Duration::from_millis(2);
 const KEEPER_PERIOD: Duration = Duration::from_millis(50);
 /// How long the loop may take to execute a verb.
 const VERB_LIMIT: Duration = Duration::from_millis(500);
-/// A command thread without a cycle for so long hangs (ns): twice what a verb may take.
+/// A command thread without a cycle for so long hangs (ns): as long as the longest verb may take,
+/// `arm` on a real card, which waits for the doctor's report and then for the loop.
 const HANG_NS: u64 = 1_000_000_000;
 
 /// What the loop and the command thread share. Nothing here blocks.

@@ -253,8 +253,8 @@ pub(crate) const CHECKS: &[Check] = &[
         title: "enable line drops the motor",
         does: "resets, arms and enables the motor for 0.2 s, at rest, disarms, and measures from \
                the line's last edge to the first scan without motor power",
-        limits: "pass: within the profile's timeout of the line and 2 ms; fail: beyond twice it, \
-                 power does not come, or stays",
+        limits: "pass: within the profile's timeout of the line and 2 ms (7 ms in real time); \
+                 fail: later, power does not come, or stays",
         source: "`Timeouts::enable_line_ns` (5 and 40 ms); periods of watchdog and acquisition; \
                  safety case",
         remedy: "set the relay's timer, or the card's watchdog, to the timeout of the real-time \
