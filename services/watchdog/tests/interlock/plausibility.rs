@@ -421,9 +421,9 @@ fn sr_41_a_cycle_with_a_step_doubled_or_that_answers_an_old_token_trips() {
     for profile in PROFILES {
         for process in 0..2 {
             let steps = World::new(profile).flows[process].clone();
-            for at in 0..steps.len() {
+            for (at, &step) in steps.iter().enumerate() {
                 let mut world = powered(profile);
-                world.flows[process].insert(at, steps[at]);
+                world.flows[process].insert(at, step);
                 caught(world, &format!("{profile}, process {process}, step {at} doubled"));
             }
             for behind in [1, 2, 10] {
