@@ -112,7 +112,7 @@ fn replace(rig: &TestRig, unit: &str) {
 }
 
 #[test]
-fn an_axis_is_homed_between_its_stops_until_the_card_is_powered_up_again() {
+fn sr_27_an_axis_is_homed_between_its_stops_until_the_card_is_powered_up_again() {
     let rig = TestRig::patient("initialise");
     let (rig_file, protocol, record) =
         (rig.path("stops.toml"), rig.path("find.toml"), rig.path("find.mcap"));

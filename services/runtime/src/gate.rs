@@ -126,6 +126,10 @@ pub struct Gate {
     command_refused: bool,
     /// First violation since the last step.
     violation: Option<GateCause>,
+    /// The newest epoch in which a violation came after its permission, and the first such. The
+    /// step alone would not end it where something else of that cycle counts first: a refused
+    /// write, the end of the epoch before, a permission for another acquisition.
+    spoilt: Option<(u64, GateCause)>,
     last_step_ns: Option<u64>,
     cycles: u64,
 }
@@ -152,6 +156,7 @@ impl Gate {
             token_refused: false,
             command_refused: false,
             violation: None,
+            spoilt: None,
             last_step_ns: None,
             cycles: 0,
         }
@@ -262,6 +267,8 @@ impl Gate {
             }
         } else if let Some(pending) = self.pending() {
             self.closed_state = GateState::Closed;
+            let spoilt = self.spoilt.filter(|(epoch, _)| *epoch == pending.epoch);
+            let violation = spoilt.map(|(_, cause)| cause).or(violation);
             match violation.map_or_else(|| self.passing(now_ns), Err) {
                 Ok(_) if late => hindrance = GateCause::GateLate,
                 Ok(passed) => {
@@ -308,7 +315,9 @@ impl Gate {
     pub fn write_failed(&mut self) -> GateOutput {
         match self.open {
             Some(open) => self.latch_closed(open.epoch, GateCause::WriteFailed),
-            None => self.violated(GateCause::WriteFailed),
+            None => {
+                self.violation.get_or_insert(GateCause::WriteFailed);
+            }
         }
         self.output([0.0; AXES])
     }
@@ -382,9 +391,15 @@ impl Gate {
         Ok(())
     }
 
-    /// Remembers the first violation until the next step.
+    /// Remembers the first violation until the next step, and the epoch in which it came until
+    /// that ends.
     fn violated(&mut self, cause: GateCause) {
         self.violation.get_or_insert(cause);
+        if let Some(pending) = self.pending()
+            && self.spoilt.is_none_or(|(epoch, _)| epoch != pending.epoch)
+        {
+            self.spoilt = Some((pending.epoch, cause));
+        }
     }
 
     fn refuse_token(&mut self, cause: GateCause) {

@@ -1,88 +1,24 @@
-//! A gate beside a slow oracle that judges from the whole history what may pass.
+//! A gate beside its oracle.
 
 use ipc_types::{AXES, EnableToken, GateState, MotorCommand};
 use runtime::gate::{Gate, GateConfig};
 
+use crate::oracle::{Oracle, within_limits};
 use crate::{START, config};
 
 /// One thing that may happen in front of a gate.
 #[derive(Clone, Debug)]
 pub(crate) enum Act {
-    /// Its times count from now, and its sequence from the last one.
+    /// Its times count from now, its sequence from the last one, and its epoch from that of
+    /// `NextEpoch`.
     Token(EnableToken),
-    /// As the token; the time of its sample counts backwards.
+    /// As the token, and the tick of its sample from the last one; the time of its sample counts
+    /// backwards.
     Command(MotorCommand),
+    NextEpoch,
     /// A cycle, so many ns after the last.
     Step(i64),
     WriteFailed,
-}
-
-/// What the slow oracle keeps: everything that ever arrived, in order.
-#[derive(Clone, Default)]
-struct Oracle {
-    tokens: Vec<EnableToken>,
-    commands: Vec<MotorCommand>,
-}
-
-impl Oracle {
-    /// Whether these volts may be written now, judged from the whole history.
-    fn allows(
-        &self,
-        config: &GateConfig,
-        now: u64,
-        volts: [f64; AXES],
-    ) -> Result<(), &'static str> {
-        let ensure = |holds: bool, what: &'static str| if holds { Ok(()) } else { Err(what) };
-        let token = self.tokens.last().ok_or("no token")?;
-        let command = self.commands.last().ok_or("no command")?;
-        ensure(command.volts == volts, "not the newest command's volts")?;
-        ensure(token.session == config.session && command.session == config.session, "session")?;
-        ensure(token.enabled == 1, "not enabled")?;
-        ensure(token.incarnation == token.watchdog_incarnation, "token's sender")?;
-        ensure(
-            token.acquisition_incarnation == config.acquisition_incarnation,
-            "token's receiver",
-        )?;
-        ensure(token.control_incarnation == command.incarnation, "command's sender")?;
-        let age = |then: u64| i128::from(now) - i128::from(then);
-        let future = -i128::from(config.future_ns);
-        ensure(
-            age(token.issued_ns) >= future && age(token.time_ns) >= future,
-            "token from the future",
-        )?;
-        ensure(age(token.issued_ns) <= i128::from(config.token_life_ns), "token too old")?;
-        ensure(age(token.valid_until_ns) <= 0, "token expired")?;
-        let life = i128::from(token.valid_until_ns) - i128::from(token.issued_ns);
-        ensure((0..=i128::from(config.token_life_ns)).contains(&life), "token's life")?;
-        ensure(
-            age(command.computed_ns) >= future && age(command.time_ns) >= future,
-            "command from the future",
-        )?;
-        ensure(age(command.computed_ns) <= i128::from(config.command_life_ns), "command too old")?;
-        let sample_age = age(command.sample_time_ns);
-        ensure(
-            sample_age >= future && sample_age <= i128::from(config.max_sample_age_ns),
-            "sample's age",
-        )?;
-        let withdrawn = |earlier: &EnableToken| {
-            earlier.enabled != 1
-                && earlier.session == config.session
-                && earlier.incarnation == earlier.watchdog_incarnation
-                && earlier.epoch >= token.epoch
-        };
-        ensure(!self.tokens.iter().any(withdrawn), "withdrawn before")?;
-        // In sequence: nothing of the same sender that came before has a higher or the same number
-        // (but the same message again), within this session.
-        let earlier = &self.tokens[..self.tokens.len() - 1];
-        ensure(
-            !earlier.iter().rev().take_while(|t| t.epoch == token.epoch && *t != token).any(|t| {
-                t.session == token.session
-                    && t.incarnation == token.incarnation
-                    && t.sequence >= token.sequence
-            }),
-            "token out of sequence",
-        )
-    }
 }
 
 /// A gate, its oracle, and what both have shown so far.
@@ -94,11 +30,16 @@ pub(crate) struct Checked {
     now: u64,
     /// Sequences of the last token and command.
     sequences: [u64; 2],
+    sample_tick: u64,
+    /// What the epochs of tokens count from.
+    base_epoch: u64,
     /// Highest epoch that has ended.
     ended: u64,
     last_state: GateState,
     last_epoch: u64,
     stepped: bool,
+    /// Whether the card has refused a write of a gate that waits since the last cycle.
+    refused: bool,
 }
 
 impl Checked {
@@ -107,13 +48,16 @@ impl Checked {
         Self {
             config,
             gate: Gate::new(config),
-            oracle: Oracle::default(),
+            oracle: Oracle::new(config),
             now: START,
             sequences: [100; 2],
+            sample_tick: 1_000,
+            base_epoch: 0,
             ended: 0,
             last_state: GateState::Closed,
             last_epoch: 0,
             stepped: false,
+            refused: false,
         }
     }
 
@@ -127,36 +71,47 @@ impl Checked {
     pub(crate) fn act(&mut self, act: &Act) -> Result<(), String> {
         match act {
             Act::Token(token) => {
-                self.sequences[0] += token.sequence;
+                self.sequences[0] = self.sequences[0].wrapping_add(token.sequence);
                 let issued_ns = self.now.wrapping_add(token.issued_ns);
                 let token = EnableToken {
                     sequence: self.sequences[0],
                     issued_ns,
                     time_ns: issued_ns,
                     valid_until_ns: issued_ns.saturating_add(token.valid_until_ns),
+                    epoch: self.base_epoch + token.epoch,
                     ..*token
                 };
-                self.oracle.tokens.push(token);
+                self.oracle.hear_token(&token);
                 self.gate.observe_token(&token);
             }
             Act::Command(command) => {
-                self.sequences[1] += command.sequence;
+                self.sequences[1] = self.sequences[1].wrapping_add(command.sequence);
+                self.sample_tick = self.sample_tick.wrapping_add(command.sample_tick);
                 let computed_ns = self.now.wrapping_add(command.computed_ns);
                 let command = MotorCommand {
                     sequence: self.sequences[1],
                     computed_ns,
                     time_ns: computed_ns,
+                    sample_tick: self.sample_tick,
                     sample_time_ns: self.now.wrapping_sub(command.sample_time_ns),
                     ..*command
                 };
-                self.oracle.commands.push(command);
+                self.oracle.hear_command(&command);
                 self.gate.observe_command(&command);
             }
+            Act::NextEpoch => self.base_epoch += 1,
             Act::WriteFailed => {
-                self.gate.write_failed();
+                let output = self.gate.write_failed();
+                if output.state == GateState::Open || output.volts != [0.0; AXES] {
+                    return Err(format!("{output:?} after a refused write"));
+                }
+                // An open gate's epoch ends, at once; a higher one may open in the next cycle.
                 if self.last_state == GateState::Open {
                     self.ended = self.ended.max(self.last_epoch);
+                } else {
+                    self.refused = true;
                 }
+                self.oracle.became(false);
             }
             Act::Step(by) => return self.step(*by),
         }
@@ -166,21 +121,24 @@ impl Checked {
     fn step(&mut self, by: i64) -> Result<(), String> {
         self.now = self.now.wrapping_add(by as u64);
         let output = self.gate.step(self.now);
-        for (volts, limit) in output.volts.iter().zip([5.0, 3.0, 0.0]) {
-            if !(volts.is_finite() && volts.abs() <= limit) {
-                return Err(format!("{:?} V", output.volts));
-            }
+        if !within_limits(&output.volts) {
+            return Err(format!("{:?} V", output.volts));
         }
-        if output.state == GateState::Open {
-            let epoch = self.oracle.tokens.last().map_or(0, |token| token.epoch);
+        let open = output.state == GateState::Open;
+        if open {
+            let epoch = self.oracle.epoch();
             // The first step knows of no time before it.
-            if by < 0 && self.stepped {
-                return Err("open although time went backwards".to_owned());
+            let in_time = u64::try_from(by).is_ok_and(|by| by <= self.config.max_cycle_gap_ns);
+            if self.stepped && !in_time {
+                return Err(format!("open {by} ns after the last cycle"));
+            }
+            if self.refused {
+                return Err("open in the cycle after a refused write".to_owned());
             }
             if epoch <= self.ended {
                 return Err(format!("open for {epoch}, ended up to {}", self.ended));
             }
-            self.oracle.allows(&self.config, self.now, output.volts)?;
+            self.oracle.allows(self.now, output.volts)?;
             self.last_epoch = epoch;
         } else {
             if output.volts != [0.0; AXES] {
@@ -190,7 +148,8 @@ impl Checked {
                 self.ended = self.ended.max(self.last_epoch);
             }
         }
-        (self.last_state, self.stepped) = (output.state, true);
+        self.oracle.became(open);
+        (self.last_state, self.stepped, self.refused) = (output.state, true, false);
         Ok(())
     }
 }

@@ -107,6 +107,61 @@ fn sr_08_a_waiting_epoch_latches_on_a_bad_command() {
     }
 }
 
+/// A violation ends the epoch that was permitted when it came, also where the step that follows
+/// has something else to tell.
+#[test]
+fn sr_08_a_violation_ends_its_epoch_whatever_else_its_cycle_brings() {
+    type Hide = fn(&mut Rig);
+    let hidings: [(&str, Hide); 3] = [
+        ("a refused write", |rig| {
+            rig.renew();
+            rig.gate.observe_token(&rig.token);
+            rig.gate.step(rig.now);
+            rig.gate.write_failed();
+            bad_command(rig);
+        }),
+        ("the end of the epoch before", |rig| {
+            rig.renew();
+            rig.step();
+            rig.token.epoch = 2;
+            rig.renew();
+            rig.gate.observe_token(&rig.token);
+            bad_command(rig);
+        }),
+        ("a permission for another acquisition", |rig| {
+            rig.renew();
+            rig.gate.observe_token(&rig.token);
+            bad_command(rig);
+            rig.renew();
+            rig.token.acquisition_incarnation = 22;
+            rig.step();
+            rig.token.acquisition_incarnation = ACQUISITION;
+        }),
+    ];
+    for (what, hide) in hidings {
+        let mut rig = Rig::new();
+        hide(&mut rig);
+        for _ in 0..20 {
+            rig.renew();
+            assert_ne!(rig.step().state, GateState::Open, "{what}");
+        }
+        let output = rig.step();
+        assert_eq!(
+            (output.state, output.cause),
+            (GateState::LatchedClosed, GateCause::CommandRange),
+            "{what}"
+        );
+        rig.token.epoch += 1;
+        rig.renew();
+        assert_eq!(rig.step().state, GateState::Open, "{what}");
+    }
+}
+
+fn bad_command(rig: &mut Rig) {
+    rig.renew();
+    rig.gate.observe_command(&MotorCommand { volts: [5.5, 0.0, 0.0], ..rig.command });
+}
+
 #[test]
 fn sr_09_a_late_gate_latches() {
     let mut rig = Rig::opened();

@@ -6,6 +6,7 @@ mod checked;
 mod commands;
 mod epochs;
 mod exhaustive;
+mod oracle;
 mod properties;
 mod walk;
 

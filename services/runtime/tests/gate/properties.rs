@@ -8,13 +8,18 @@ use crate::checked::{Act, Checked};
 use crate::walk::cases;
 use crate::{ACQUISITION, CONTROL, CYCLE, MS, Rig, SESSION, WATCHDOG, config};
 
+/// How far a count goes on from message to message: mostly it rises; rarely it stays, or falls.
+fn rise() -> impl Strategy<Value = u64> {
+    prop_oneof![40 => 1u64..4, 1 => Just(0), 1 => Just(-1i64 as u64), 1 => Just(-2i64 as u64)]
+}
+
 fn tokens() -> impl Strategy<Value = EnableToken> {
     let time = -8_000_000i64..2_000_000;
     (
         (
             prop_oneof![19 => Just(SESSION), 1 => Just(12)],
-            prop_oneof![9 => Just(WATCHDOG), 1 => Just(32)],
-            0u64..4,
+            prop_oneof![19 => Just(WATCHDOG), 1 => Just(32)],
+            rise(),
         ),
         (
             prop_oneof![19 => Just(ACQUISITION), 1 => Just(22)],
@@ -22,8 +27,8 @@ fn tokens() -> impl Strategy<Value = EnableToken> {
         ),
         (prop_oneof![4 => Just(0i64), 1 => time], prop_oneof![9 => Just(5 * MS), 1 => 0..6 * MS]),
         (
-            1u64..4,
-            prop_oneof![9 => Just(1u8), 1 => any::<u8>()],
+            prop_oneof![1 => Just(1u64), 16 => Just(2), 1 => Just(3)],
+            prop_oneof![19 => Just(1u8), 1 => any::<u8>()],
             prop_oneof![29 => Just(0u64), 1 => Just(7)],
         ),
     )
@@ -67,11 +72,12 @@ fn commands() -> impl Strategy<Value = MotorCommand> {
         (
             prop_oneof![29 => Just(SESSION), 1 => Just(12)],
             prop_oneof![19 => Just(CONTROL), 1 => Just(42)],
-            0u64..4,
+            rise(),
+            rise(),
         ),
         (
-            prop_oneof![6 => Just(0i64), 1 => -8_000_000i64..2_000_000],
-            prop_oneof![6 => 0i64..2_000_000, 1 => -200_000i64..12_000_000],
+            prop_oneof![12 => Just(0i64), 1 => -8_000_000i64..2_000_000],
+            prop_oneof![12 => Just(0i64), 1 => -200_000i64..12_000_000],
         ),
         (
             volts(),
@@ -79,17 +85,20 @@ fn commands() -> impl Strategy<Value = MotorCommand> {
             prop_oneof![29 => Just(0.0), 1 => volts()],
         ),
     )
-        .prop_map(|((session, incarnation, sequence), (computed, sample_age), (a, b, c))| {
-            MotorCommand {
-                session,
-                incarnation,
-                sequence,
-                computed_ns: computed as u64,
-                sample_time_ns: sample_age as u64,
-                volts: [a, b, c],
-                ..MotorCommand::default()
-            }
-        })
+        .prop_map(
+            |((session, incarnation, sequence, tick), (computed, sample_age), (a, b, c))| {
+                MotorCommand {
+                    session,
+                    incarnation,
+                    sequence,
+                    sample_tick: tick,
+                    computed_ns: computed as u64,
+                    sample_time_ns: sample_age as u64,
+                    volts: [a, b, c],
+                    ..MotorCommand::default()
+                }
+            },
+        )
 }
 
 fn acts() -> impl Strategy<Value = Vec<Act>> {
@@ -99,6 +108,7 @@ fn acts() -> impl Strategy<Value = Vec<Act>> {
         8 => commands().prop_map(Act::Command),
         16 => step_ns.prop_map(Act::Step),
         1 => Just(Act::WriteFailed),
+        2 => Just(Act::NextEpoch),
     ];
     prop::collection::vec(act, 1..200)
 }

@@ -1,7 +1,8 @@
 //! A rig round the interlock, beside a judge that knows only what a person did.
 
 use ipc_types::{GateState, Profile, TripCause, Verb, WatchdogState};
-use watchdog::interlock::{FaultAction, Interlock, action_of};
+use rig::WithoutLogger;
+use watchdog::interlock::Interlock;
 
 use crate::world::{MS, World, config};
 
@@ -40,11 +41,22 @@ enum Steps {
     Enabled,
 }
 
+/// Whether a fault trips nothing, as the safety case says and not as the interlock does: the
+/// keeper's loss, and the logger's unless the rig file says that it trips.
+const fn trips_nothing(cause: TripCause, without_logger: WithoutLogger) -> bool {
+    match cause {
+        TripCause::KeeperLost => true,
+        TripCause::LoggerLost => !matches!(without_logger, WithoutLogger::Trip),
+        _ => false,
+    }
+}
+
 /// The rig and its judge.
 #[derive(Clone)]
 pub(crate) struct Checked {
     world: World,
     profile: Profile,
+    without_logger: WithoutLogger,
     steps: Steps,
     last_epoch: u64,
 }
@@ -54,7 +66,8 @@ impl Checked {
     pub(crate) fn new(profile: Profile) -> Self {
         let mut world = World::new(profile);
         world.cycles(30);
-        Self { world, profile, steps: Steps::Nothing, last_epoch: 0 }
+        let without_logger = config(profile).without_logger;
+        Self { world, profile, without_logger, steps: Steps::Nothing, last_epoch: 0 }
     }
 
     pub(crate) fn state(&self) -> WatchdogState {
@@ -111,7 +124,7 @@ impl Checked {
             (Verb::Estop, ..) => Steps::Nothing,
             (Verb::Disarm, _, steps) => steps.min(Steps::Reset),
             (Verb::Reset, true, Steps::Nothing | Steps::Reset) => Steps::Reset,
-            (Verb::Arm, true, Steps::Reset) => Steps::Armed,
+            (Verb::Arm | Verb::ArmUnchecked, true, Steps::Reset) => Steps::Armed,
             (Verb::Enable, true, Steps::Armed) => Steps::Enabled,
             (verb, true, steps) => return Err(format!("{verb:?} done after {steps:?}")),
             (_, false, steps) => steps,
@@ -131,7 +144,7 @@ impl Checked {
         let token = self.world.token;
         let tripping = TripCause::ALL.iter().any(|&cause| {
             let active = token.faults & (1 << cause.code()) != 0;
-            active && action_of(cause) != FaultAction::Blocks
+            active && !trips_nothing(cause, self.without_logger)
         });
         if token.enabled == 1 && tripping {
             return Err(format!("enabled with the faults {:#b}", token.faults));

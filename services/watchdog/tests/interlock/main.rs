@@ -2,6 +2,7 @@
 //! properties.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
+mod arming;
 mod axes;
 mod checked;
 mod exhaustive;
@@ -16,9 +17,10 @@ mod times;
 mod walk;
 mod world;
 
-use ipc_types::{CardKind, GateState, Message, Profile, TripCause, Verb, WatchdogState};
-use watchdog::interlock::{Config, Interlock, Peers, Refusal};
+use ipc_types::{GateState, Message, Profile, TripCause, Verb, WatchdogState};
+use watchdog::interlock::{Interlock, Peers, Refusal};
 
+use arming::ARM;
 use world::{COUNT, MS, SESSION, World, config};
 
 #[test]
@@ -123,75 +125,6 @@ fn sr_13_an_echo_of_a_token_that_was_never_issued_trips() {
 }
 
 #[test]
-fn sr_14_a_real_card_without_realtime_scheduling_never_arms() {
-    for who in 0..3 {
-        let mut world = World::new(Profile::Realtime);
-        if who == 0 {
-            world.interlock = Interlock::new(Config {
-                profile: Profile::BestEffort,
-                ..config(Profile::Realtime)
-            });
-        }
-        world.sample.backend = CardKind::Hardware.code();
-        world.sample.profile =
-            if who == 1 { Profile::BestEffort } else { Profile::Realtime }.code();
-        world.command.profile =
-            if who == 2 { Profile::BestEffort } else { Profile::Realtime }.code();
-        world.cycles(30);
-        assert_eq!(world.verb(Verb::Reset), Ok(WatchdogState::Disarmed));
-        assert_eq!(world.verb(Verb::Arm), Err(Refusal::FaultActive(TripCause::NotRealtime)));
-        world.cycles(5);
-        assert_eq!(world.interlock.state(), WatchdogState::Disarmed);
-    }
-}
-
-#[test]
-fn sr_14_a_card_that_cannot_take_volts_never_arms() {
-    for backend in [CardKind::Replay.code(), CardKind::Null.code(), 200] {
-        let mut world = World::new(Profile::Realtime);
-        world.sample.backend = backend;
-        world.cycles(30);
-        world.verb(Verb::Reset).unwrap();
-        assert_eq!(world.verb(Verb::Arm), Err(Refusal::FaultActive(TripCause::NoOutput)));
-    }
-}
-
-#[test]
-fn sr_14_a_real_card_arms_with_a_line_or_a_recorded_override_only() {
-    // By its capabilities a real card has no enable line.
-    for (power_cut_otherwise, expected) in
-        [(true, Ok(WatchdogState::Armed)), (false, Err(Refusal::NoEnableLine))]
-    {
-        let mut world = World::new(Profile::Realtime);
-        world.interlock =
-            Interlock::new(Config { power_cut_otherwise, ..config(Profile::Realtime) });
-        world.sample.backend = CardKind::Hardware.code();
-        world.cycles(30);
-        world.verb(Verb::Reset).unwrap();
-        assert_eq!(world.verb(Verb::Arm), expected);
-    }
-}
-
-#[test]
-fn sr_15_keeper_lost_blocks_arming_and_trips_nothing() {
-    for state in [WatchdogState::Disarmed, WatchdogState::Armed, WatchdogState::Enabled] {
-        let mut world = World::in_state(Profile::Realtime, state);
-        world.peers.keeper_alive = false;
-        world.cycles(100);
-        assert_eq!(world.interlock.state(), state);
-        assert!(world.interlock.active_faults().contains(TripCause::KeeperLost));
-        if state != WatchdogState::Enabled {
-            world.verb(Verb::Disarm).unwrap();
-            assert_eq!(world.verb(Verb::Arm), Err(Refusal::FaultActive(TripCause::KeeperLost)));
-        }
-    }
-    let mut world = World::in_state(Profile::Realtime, WatchdogState::Armed);
-    world.peers.keeper_alive = false;
-    world.cycle();
-    assert_eq!(world.verb(Verb::Enable), Err(Refusal::FaultActive(TripCause::KeeperLost)));
-}
-
-#[test]
 fn sr_16_verbs_in_each_state() {
     use WatchdogState::{Armed, Disarmed, Enabled, Faulted, Tripped};
     for (state, reset, arm, enable, disarm) in [
@@ -204,6 +137,7 @@ fn sr_16_verbs_in_each_state() {
         for (verb, expected) in [
             (Verb::Reset, reset),
             (Verb::Arm, arm),
+            (Verb::ArmUnchecked, arm),
             (Verb::Enable, enable),
             (Verb::Disarm, disarm),
             (Verb::Estop, Some(Tripped)),
@@ -255,13 +189,17 @@ fn sr_16_arms_at_rest_only() {
         }
     };
     moving(&mut world);
-    assert_eq!(world.verb(Verb::Arm), Err(Refusal::Moving));
+    for arm in ARM {
+        assert_eq!(world.verb(arm), Err(Refusal::Moving));
+    }
     world.cycles(20);
     assert_eq!(world.verb(Verb::Arm), Ok(WatchdogState::Armed));
     let mut world = World::new(Profile::Realtime);
     world.cycles(2);
     world.verb(Verb::Reset).unwrap();
-    assert_eq!(world.verb(Verb::Arm), Err(Refusal::SpeedUnknown));
+    for arm in ARM {
+        assert_eq!(world.verb(arm), Err(Refusal::SpeedUnknown));
+    }
 }
 
 #[test]
@@ -270,7 +208,9 @@ fn sr_16_refuses_to_arm_a_gate_that_is_open_without_permission() {
     world.gate_obeys = false;
     world.sample.gate_state = GateState::Open.code();
     world.cycle();
-    assert_eq!(world.verb(Verb::Arm), Err(Refusal::GateOpen));
+    for arm in ARM {
+        assert_eq!(world.verb(arm), Err(Refusal::GateOpen));
+    }
 }
 
 #[test]

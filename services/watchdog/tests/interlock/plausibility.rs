@@ -294,29 +294,39 @@ fn sr_36_volts_at_the_motor_that_nobody_wrote_trip() {
 
 #[test]
 fn sr_38_a_logger_that_is_missing_does_what_the_rig_file_says() {
-    use WatchdogState::{Disarmed, Enabled, Tripped};
-    for (policy, enabled_becomes, arms) in [
-        (WithoutLogger::Allow, Enabled, true),
-        (WithoutLogger::Block, Enabled, false),
-        (WithoutLogger::Trip, Tripped, false),
+    use WatchdogState::{Armed, Disarmed, Enabled, Tripped};
+    let refused = Refusal::FaultActive(TripCause::LoggerLost);
+    let tripped = Refusal::State { expected: Armed, found: Tripped };
+    // What becomes of a rig that is armed or enabled, what `arm` does when disarmed, and `enable`
+    // when armed.
+    for (policy, trips, arm, enable) in [
+        (WithoutLogger::Allow, false, Ok(Armed), Ok(Enabled)),
+        (WithoutLogger::Block, false, Err(refused), Err(refused)),
+        (WithoutLogger::Trip, true, Err(refused), Err(tripped)),
     ] {
-        for state in [Disarmed, Enabled] {
+        for state in [Disarmed, Armed, Enabled] {
             let mut world = World::new(Profile::Realtime);
             let configured = Config { without_logger: policy, ..config(Profile::Realtime) };
             world.interlock = Interlock::new(configured);
             power_up(&mut world);
-            if state == Disarmed {
+            if state != Enabled {
                 world.verb(Verb::Disarm).unwrap();
                 world.cycles(20);
             }
+            if state == Armed {
+                world.verb(Verb::Arm).unwrap();
+            }
             world.peers.logger_alive = false;
             world.cycles(5);
-            let becomes = if state == Enabled { enabled_becomes } else { Disarmed };
+            let becomes = if trips && state != Disarmed { Tripped } else { state };
             assert_eq!(world.interlock.state(), becomes, "{policy:?}");
-            if state == Disarmed {
-                let answer = world.verb(Verb::Arm);
-                let refused = Err(Refusal::FaultActive(TripCause::LoggerLost));
-                assert_eq!(answer, if arms { Ok(WatchdogState::Armed) } else { refused });
+            if becomes == Tripped {
+                assert_eq!(world.interlock.cause(), TripCause::LoggerLost);
+            }
+            match state {
+                Disarmed => assert_eq!(world.verb(Verb::Arm), arm, "{policy:?}"),
+                Armed => assert_eq!(world.verb(Verb::Enable), enable, "{policy:?}"),
+                _ => {}
             }
         }
     }
@@ -397,6 +407,29 @@ fn sr_41_a_cycle_with_a_step_left_out_or_swapped_trips() {
                 let Some((TripCause::ProgramFlow, _)) = found else {
                     panic!("{profile}, {wrong:?}: {found:?}")
                 };
+            }
+        }
+    }
+}
+
+#[test]
+fn sr_41_a_cycle_with_a_step_doubled_or_that_answers_an_old_token_trips() {
+    let caught = |mut world: World, what: &str| {
+        let found = trips(&mut world, 3, |_, _| {});
+        let Some((TripCause::ProgramFlow, _)) = found else { panic!("{what}: {found:?}") };
+    };
+    for profile in PROFILES {
+        for process in 0..2 {
+            let steps = World::new(profile).flows[process].clone();
+            for (at, &step) in steps.iter().enumerate() {
+                let mut world = powered(profile);
+                world.flows[process].insert(at, step);
+                caught(world, &format!("{profile}, process {process}, step {at} doubled"));
+            }
+            for behind in [1, 2, 10] {
+                let mut world = powered(profile);
+                world.answers_behind[process] = behind;
+                caught(world, &format!("{profile}, process {process}, {behind} tokens behind"));
             }
         }
     }

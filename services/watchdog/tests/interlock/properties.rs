@@ -15,7 +15,8 @@ fn number() -> impl Strategy<Value = f64> {
 fn act() -> impl Strategy<Value = Act> {
     let verb = prop_oneof![
         6 => Just(Verb::Reset),
-        6 => Just(Verb::Arm),
+        5 => Just(Verb::Arm),
+        1 => Just(Verb::ArmUnchecked),
         6 => Just(Verb::Enable),
         1 => Just(Verb::Disarm),
         1 => Just(Verb::Estop),
@@ -41,7 +42,7 @@ fn act() -> impl Strategy<Value = Act> {
         1 => Just(Act::WatchdogRestarts),
         2 => prop_oneof![3 => Just(SESSION), 1 => Just(12)].prop_map(Act::Session),
         1 => (0u64..5).prop_map(Act::Sequence),
-        2 => prop_oneof![3 => Just(0u8), 1 => any::<u8>()].prop_map(Act::Backend),
+        2 => prop_oneof![6 => Just(0u8), 1 => 0u8..5, 1 => any::<u8>()].prop_map(Act::Backend),
     ]
 }
 
@@ -87,7 +88,7 @@ proptest! {
             }
             interlock.observe_sample(&sample);
             interlock.observe_command(&command);
-            for verb in [Verb::Reset, Verb::Arm, Verb::Enable] {
+            for verb in [Verb::Reset, Verb::Arm, Verb::ArmUnchecked, Verb::Enable] {
                 let _ = interlock.command(verb, now);
             }
             let peers = Peers::ALIVE;

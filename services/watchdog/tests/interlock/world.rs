@@ -77,6 +77,8 @@ pub(crate) struct World {
     pub(crate) relay_obeys: bool,
     /// Checkpoints of the cycles of acquisition and control.
     pub(crate) flows: [Vec<Checkpoint>; 2],
+    /// How many tokens before the newest the one is that the flows of both answer.
+    pub(crate) answers_behind: [u64; 2],
 }
 
 impl World {
@@ -106,6 +108,7 @@ impl World {
             now: 1_000 * MS,
             peers: Peers::ALIVE,
             flows: [ACQUISITION_CYCLE.to_vec(), CONTROL_CYCLE.to_vec()],
+            answers_behind: [0; 2],
             sample,
             command,
             token: EnableToken::default(),
@@ -116,13 +119,19 @@ impl World {
         }
     }
 
+    /// Signature of the cycle of acquisition (0) or control (1).
+    fn flow(&self, process: usize) -> u16 {
+        let answered = self.token.sequence.saturating_sub(self.answers_behind[process]);
+        signature(&self.flows[process], answered)
+    }
+
     pub(crate) fn sample_now(&mut self) {
         self.sample.sequence += 1;
         self.sample.tick += 1;
         self.sample.time_ns = self.now;
         self.sample.scan_time_ns = self.now;
         self.sample.token_sequence = self.token.sequence;
-        self.sample.flow = signature(&self.flows[0], self.token.sequence);
+        self.sample.flow = self.flow(0);
         if self.gate_obeys {
             self.sample.epoch = self.token.epoch;
             let state = if self.token.enabled == 1 { GateState::Open } else { GateState::Closed };
@@ -141,7 +150,7 @@ impl World {
         self.command.sample_time_ns = self.sample.scan_time_ns;
         self.command.sample_tick = self.sample.tick;
         self.command.token_sequence = self.token.sequence;
-        self.command.flow = signature(&self.flows[1], self.token.sequence);
+        self.command.flow = self.flow(1);
         self.interlock.observe_command(&self.command);
     }
 
