@@ -9,9 +9,10 @@
 //! Pure: the time is an argument, nothing is allocated, no message is formatted.
 //!
 //! Use, once a cycle:
-//! 1. pass every received message to [`Gate::observe_token`] and [`Gate::observe_command`], in the
-//!    order received, so that a backward step or a foreign sender between two cycles is never
-//!    missed;
+//! 1. pass every received message to [`Gate::observe_token`] and [`Gate::observe_command`], each
+//!    topic's in the order received, so that a backward step or a foreign sender between two cycles
+//!    is never missed; all tokens of a cycle before its commands, since two topics have no order
+//!    between them;
 //! 2. read the clock, *after* the last receive (a message published in between would seem to come
 //!    from the future; [`GateConfig::future_ns`] tolerates a little);
 //! 3. call [`Gate::step`] and write its volts; if the card refuses them, call
@@ -176,7 +177,7 @@ impl Gate {
         self.seen_epoch = self.seen_epoch.max(token.epoch);
         let enabled = token.enabled == 1;
         if self.open.is_some_and(|open| token.watchdog_incarnation != open.watchdog) {
-            self.violated(GateCause::TokenSender);
+            self.ends_open(GateCause::TokenSender);
         }
         // A withdrawal counts even where the token is out of order: it can only take power away.
         if !enabled {
@@ -202,11 +203,11 @@ impl Gate {
         }
         if let Some(open) = self.open {
             if !enabled || token.epoch > open.epoch {
-                self.violated(GateCause::Withdrawn);
+                self.ends_open(GateCause::Withdrawn);
             } else if token.acquisition_incarnation != self.config.acquisition_incarnation {
-                self.violated(GateCause::TokenReceiver);
+                self.ends_open(GateCause::TokenReceiver);
             } else if token.control_incarnation != open.control {
-                self.violated(GateCause::CommandSender);
+                self.ends_open(GateCause::CommandSender);
             }
         }
         self.token = Some(*token);
@@ -222,7 +223,7 @@ impl Gate {
             return self.refuse_command(GateCause::CommandSession);
         }
         if self.open.is_some_and(|open| command.incarnation != open.control) {
-            self.violated(GateCause::CommandSender);
+            self.ends_open(GateCause::CommandSender);
         }
         let other =
             self.command.as_ref().is_some_and(|last| last.incarnation != command.incarnation);
@@ -389,6 +390,12 @@ impl Gate {
             return Err(GateCause::CommandRange);
         }
         Ok(())
+    }
+
+    /// Remembers for the next step why the open epoch ends. What is measured against it concerns no
+    /// epoch after it, for which a token may have come in the same cycle.
+    fn ends_open(&mut self, cause: GateCause) {
+        self.violation.get_or_insert(cause);
     }
 
     /// Remembers the first violation until the next step, and the epoch in which it came until

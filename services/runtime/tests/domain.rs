@@ -90,6 +90,42 @@ fn requests_are_answered(service: &Service, rig: &str) {
     more_ask_at_once_than_a_service_has_clients(rig);
     finish.send(()).unwrap();
     server.join().unwrap();
+    one_request_is_answered_at_a_time(service, rig);
+}
+
+/// Whoever serves looks at everything else between two requests.
+fn one_request_is_answered_at_a_time(service: &Service, rig: &str) {
+    let server = Server::new(service.node(), &WATCHDOG_COMMANDS).unwrap();
+    let (sent, all_sent) = std::sync::mpsc::channel();
+    let ask = |number: usize| {
+        let (name, sent) = (rig.to_owned(), sent.clone());
+        std::thread::spawn(move || {
+            let domain = Domain::open(&name.parse().unwrap()).unwrap();
+            let node = domain.node(&format!("asking-{number}")).unwrap();
+            sent.send(()).unwrap();
+            let limit = Duration::from_secs(60);
+            call::<_, VerbAnswer>(&node, &WATCHDOG_COMMANDS, &Verb::Arm, limit).unwrap();
+        })
+    };
+    let asking: Vec<_> = (0..3).map(ask).collect();
+    asking.iter().for_each(|_| all_sent.recv().unwrap());
+    // Requests gather meanwhile; should one come later, it is answered alone all the same.
+    std::thread::sleep(Duration::from_millis(200));
+    let mut answered = 0;
+    while answered < asking.len() {
+        let mut now = 0;
+        let state = WatchdogState::Armed;
+        let answer = |_: Verb| {
+            now += 1;
+            VerbAnswer { done: true, state, reason: String::new() }
+        };
+        let found = server.poll(answer, |error| panic!("{error}")).unwrap();
+        assert_eq!(now, usize::from(found));
+        answered += now;
+    }
+    for each in asking {
+        each.join().unwrap();
+    }
 }
 
 /// Each waits for its turn: an emergency stop is not refused because eight others ask.
