@@ -3,10 +3,10 @@
 //! SR-07, SR-19, SR-20, whole-system; hazards H1 to H6, H8, H12 of the safety case.
 //!
 //! In a test run each kind comes once, in the profile that the host can keep. The whole campaign,
-//! whose result is `docs/fault-campaign.md` (40 minutes; 50 injections, two hours):
+//! whose result is `docs/fault-campaign.md` (46 minutes; 50 injections, nearly three hours):
 //!
 //! ```sh
-//! FARREACH_INJECTIONS=15 FARREACH_PROFILES="realtime best-effort" UPDATE_PAGES=1 \
+//! FARREACH_INJECTIONS=14 FARREACH_PROFILES="realtime best-effort" UPDATE_PAGES=1 \
 //!     cargo test --release --test fault_campaign -- --nocapture
 //! ```
 //!

@@ -188,9 +188,9 @@ fn every_fault_is_tried_by_what_it_names_or_says_why_it_is_not() {
         if let Some(reason) = tried.strip_prefix("not tried") {
             let given = reason.chars().filter(|character| character.is_alphabetic()).count();
             assert!(given > 3, "{id}: not tried, without a reason");
-            continue;
+        } else {
+            assert!(quoted(tried).count() > 0, "{id} names nothing that tries it: {tried:?}");
         }
-        assert!(quoted(tried).count() > 0, "{id} names nothing that tries it: {tried:?}");
         for name in quoted(tried) {
             assert!(known.contains(name), "{id}: {name} is no test and no kind of fault");
         }
