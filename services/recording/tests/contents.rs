@@ -4,11 +4,13 @@
 
 mod common;
 
+use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
 
 use common::{command, fill, sample, start, write_file};
 use ipc_types::{COMMAND, Event, EventKind, Message, Process, SAMPLE, Severity, event_topic};
+use mcap::records::MessageHeader;
 use proptest::prelude::*;
 use recording::mcap_edit::rewrite;
 use recording::mcap_read::Recording;
@@ -139,6 +141,45 @@ fn a_chunk_whose_head_was_altered_costs_that_chunk_alone() {
         let left = common::samples(&recording);
         assert!(left.len() > 5000 && left.len() < 6000, "{}", left.len());
     }
+}
+
+/// As of a topic with a history that was all there before the recording began.
+#[test]
+fn where_all_is_older_than_the_recording_times_count_from_the_oldest_message() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("old.mcap");
+    let mut writer = Writer::create(&path, &start(), sample(100).time_ns).unwrap();
+    for i in 0..50 {
+        writer.write_message(&SAMPLE, &sample(i)).unwrap();
+    }
+    writer.finish(&[]).unwrap();
+    let check = Recording::open(&path).unwrap().check().unwrap();
+    let samples = check.topics.iter().find(|topic| topic.topic == SAMPLE.name).unwrap();
+    assert!(check.topics.iter().any(|topic| topic.count == 0), "a topic without messages");
+    assert!(samples.first_ns > 0);
+    assert_eq!(check.origin_ns, Some(samples.first_ns));
+}
+
+#[test]
+fn a_message_that_cannot_be_decoded_is_counted_and_the_first_reason_is_told() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("pairs.mcap");
+    let mut mcap = mcap::Writer::new(fs::File::create(&path).unwrap()).unwrap();
+    let schema = b"float64 a\nfloat64 b\n";
+    let schema = mcap.add_schema("lab_msgs/msg/Pair", "ros2msg", schema).unwrap();
+    let channel_id = mcap.add_channel(schema, "/pair", "cdr", &BTreeMap::new()).unwrap();
+    let whole = [[0, 1, 0, 0].as_slice(), &[0; 16]].concat();
+    for (sequence, length) in [(0, 20), (1, 12), (2, 20), (3, 11)] {
+        let log_time = 1_000 + u64::from(sequence);
+        let header = MessageHeader { channel_id, sequence, log_time, publish_time: log_time };
+        mcap.write_to_known_channel(&header, &whole[..length]).unwrap();
+    }
+    mcap.finish().unwrap();
+    let check = Recording::open(&path).unwrap().check().unwrap();
+    let pair = &check.topics[0];
+    assert_eq!((pair.count, pair.gaps, pair.undecodable), (4, 0, 2), "{pair:?}");
+    assert!(pair.problem.contains("16") && pair.problem.contains('8'), "{pair:?}");
+    assert!(check.data_lost());
 }
 
 /// A file, and what was done to it.

@@ -112,6 +112,25 @@ fn verify_tells_each_kind_of_loss_and_its_topic() {
     assert_eq!((code, text), (DATA_LOST, expected));
 }
 
+/// What the end of a recording says of losses need not be looked for.
+#[test]
+fn info_tells_that_data_are_lost_where_the_summary_does() {
+    let dir = Folder::new();
+    let lost = |name: &str| {
+        let (code, text) = rec(&["info", &dir.text(name), "--json"]);
+        let value: serde_json::Value = serde_json::from_str(&text).unwrap();
+        assert_eq!((code, &value["verified"]), (DONE, &false.into()), "{name}");
+        value["data_lost"].clone()
+    };
+    let mut writer = Writer::create(&dir.path("dropped.mcap"), &Start::default(), 0).unwrap();
+    writer.write_message(&SAMPLE, &sample(0)).unwrap();
+    writer.finish(&[LossCounters { dropped: 3, ..LossCounters::default() }]).unwrap();
+    assert_eq!(lost("dropped.mcap"), true);
+    write(&dir.path("killed.mcap"), 0..2000, false);
+    rec(&["recover", &dir.text("killed.mcap"), "-o", &dir.text("mended.mcap")]);
+    assert_eq!(lost("mended.mcap"), true);
+}
+
 #[test]
 fn verify_says_where_a_file_is_damaged_or_torn() {
     let dir = Folder::new();

@@ -116,7 +116,7 @@ fn sr_08_a_waiting_epoch_latches_on_a_bad_command() {
 #[test]
 fn sr_08_a_violation_ends_its_epoch_whatever_else_its_cycle_brings() {
     type Hide = fn(&mut Rig);
-    let hidings: [(&str, Hide); 3] = [
+    let hidings: [(&str, Hide); 4] = [
         ("a refused write", |rig| {
             rig.renew();
             rig.gate.observe_token(&rig.token);
@@ -128,6 +128,19 @@ fn sr_08_a_violation_ends_its_epoch_whatever_else_its_cycle_brings() {
             rig.renew();
             rig.step();
             rig.token.epoch = 2;
+            rig.renew();
+            rig.gate.observe_token(&rig.token);
+            bad_command(rig);
+        }),
+        ("the same, after an epoch with a violation of its own", |rig| {
+            rig.renew();
+            rig.gate.observe_token(&rig.token);
+            bad_command(rig);
+            rig.gate.step(rig.now);
+            rig.token.epoch = 2;
+            rig.renew();
+            assert_eq!(rig.step().state, GateState::Open);
+            rig.token.epoch = 3;
             rig.renew();
             rig.gate.observe_token(&rig.token);
             bad_command(rig);

@@ -131,6 +131,15 @@ mod tests {
     use super::*;
 
     #[test]
+    fn speed_is_estimated_over_8_ms_or_two_periods_and_a_half() {
+        let mut rates = rig::load_rig("hydrostatic".as_ref()).unwrap().rates;
+        for (acquisition_hz, window_ns) in [(2_000, 8_000_000), (100, 25_000_000)] {
+            rates.acquisition_hz = acquisition_hz;
+            assert_eq!(speed_window_ns(&rates), window_ns, "{acquisition_hz} Hz");
+        }
+    }
+
+    #[test]
     fn power_is_cut_otherwise_where_the_rig_file_says_by_whom() {
         let mut rig = rig::load_rig("hydrostatic".as_ref()).unwrap();
         for (by, otherwise) in [("", false), ("relay K1 in the amplifier", true)] {

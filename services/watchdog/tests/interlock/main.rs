@@ -255,6 +255,8 @@ fn sr_17_token_names_whom_it_is_for_and_how_long_it_holds() {
         assert_eq!((token.acquisition_incarnation, token.control_incarnation), (21, 41));
         assert_eq!((token.issued_ns, token.valid_until_ns), (world.now, world.now + life));
         assert_eq!((token.sample_tick, token.faults), (world.sample.tick, 0));
+        assert!(token.command_sequence > 0);
+        assert_eq!(token.command_sequence, world.command.sequence);
         assert_eq!((token.time_ns, token.profile), (world.now, profile.code()));
     }
 }
