@@ -154,7 +154,7 @@ fn where_all_is_older_than_the_recording_times_count_from_the_oldest_message() {
     }
     writer.finish(&[]).unwrap();
     let check = Recording::open(&path).unwrap().check().unwrap();
-    let samples = check.topics.iter().find(|topic| topic.topic == SAMPLE.name).unwrap();
+    let samples = check.topics.iter().find(|topic| topic.topic == SAMPLE.topic.name).unwrap();
     assert!(check.topics.iter().any(|topic| topic.count == 0), "a topic without messages");
     assert!(samples.first_ns > 0);
     assert_eq!(check.origin_ns, Some(samples.first_ns));
