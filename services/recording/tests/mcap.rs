@@ -292,11 +292,14 @@ fn gaps_and_duplicates_are_counted_per_incarnation() {
         s.stamp(11, 99, i, s.time_ns);
         writer.write_message(&SAMPLE, &s).unwrap();
     }
-    writer.finish(&[]).unwrap();
+    let losses = LossCounters { dropped: 3, ..LossCounters::default() };
+    writer.finish(&[losses]).unwrap();
     let check = Recording::open(&path).unwrap().check().unwrap();
     let of = check.topics.iter().find(|t| t.topic == "sample").unwrap();
     assert_eq!((of.gaps, of.gap_places, of.duplicates, of.incarnations), (10, 1, 1, 2));
+    assert_eq!(of.dropped, 3);
     let ticks = check.ticks.unwrap();
+    assert_eq!((ticks.first, ticks.last), (sample(0).tick, sample(249).tick));
     assert_eq!((ticks.missing, ticks.holes, ticks.backwards), (10, 1, 1));
     assert!(check.data_lost());
 }
