@@ -197,3 +197,26 @@ impl Recording {
         Ok(Some(found))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_topic_without_messages_has_no_part_in_span_and_rate() {
+        let topic = |count, first_ns, last_ns| TopicContents {
+            count,
+            first_ns,
+            last_ns,
+            ..TopicContents::default()
+        };
+        let contents = Contents {
+            topics: vec![topic(0, 0, 0), topic(5, 3_000_000_000, 5_000_000_000)],
+            origin_ns: None,
+        };
+        assert_eq!(contents.span_ns(), Some((3_000_000_000, 5_000_000_000)));
+        assert_eq!(Contents::default().span_ns(), None);
+        let rates: Vec<_> = contents.topics.iter().map(TopicContents::rate_hz).collect();
+        assert_eq!(rates, [None, Some(2.0)]);
+    }
+}
