@@ -112,9 +112,15 @@ pub(crate) fn seeds() -> Vec<Vec<u8>> {
         SimulatorRequest::Status,
     ];
     let logger = [
-        LoggerRequest::Start { path: "/data/run.mcap".to_owned(), metadata: pairs() },
+        LoggerRequest::Start {
+            path: "/data/run.mcap".to_owned(),
+            metadata: pairs(),
+            split: ipc_types::Split { every_ns: Some(600_000_000_000), ..Default::default() },
+        },
         LoggerRequest::Stop,
+        LoggerRequest::NextPart,
         LoggerRequest::Run { metadata: pairs() },
+        LoggerRequest::Tag { author: "anna".to_owned(), text: "elbow moved".to_owned() },
     ];
     let answer = ExperimentAnswer {
         scan: Some(ipc_types::ScanProgress { volumes: 3, missed: 1, ..Default::default() }),
