@@ -109,8 +109,7 @@ impl RecorderFrontEnd {
     ) -> Result<Self, RecorderError> {
         let (mut front, mut end) = Self::unattended(queue_bytes);
         let work = move || run(&mut end, state_directory.as_deref(), &opener);
-        let thread = std::thread::Builder::new()
-            .name("logger-disk".to_owned())
+        let thread = runtime::realtime::beside_loop("logger-disk")
             .spawn(work)
             .map_err(|error| RecorderError::Thread { what: error.to_string() })?;
         front.thread = Some(thread);
