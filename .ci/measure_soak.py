@@ -232,7 +232,7 @@ def soak(rig, options):
         state = json.loads(rig.ok("status", "--json"))
         rig.ok("rec", "stop")
     memory(noted)
-    print(f"\n- Trips: {trips}. Messages to the viewer of the bridge, to the operator's page, to the "
+    print(f"\n- Trips: {trips}. Messages to the viewer of the bridge, the operator's page, the "
           f"subject's page: {', '.join(map(str, frames))}")
     print(f"- {bare.name}: late by p50, p99, p99.9, max "
           f"{', '.join(f'{us:.0f}' for us in bare.late_us)} µs")
