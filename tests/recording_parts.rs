@@ -30,7 +30,7 @@ fn json(rig: &TestRig, arguments: &[&str]) -> Value {
 /// Sequence number and time of every sample.
 fn samples(path: &Path) -> Vec<(u64, u64)> {
     let recording = Recording::open(path).unwrap();
-    let samples = recording.messages::<Sample>(SAMPLE.name).unwrap();
+    let samples = recording.messages::<Sample>(SAMPLE.topic.name).unwrap();
     samples
         .map(|sample| sample.unwrap().message)
         .map(|sample| (sample.sequence, sample.time_ns))
@@ -103,7 +103,7 @@ fn parts_of_a_running_rig_lose_nothing_at_their_seams_and_go_on_after_a_kill() {
     let verified = rig.run(["rec", "verify", &text(&whole), "--json"]);
     let found: Value = serde_json::from_slice(&verified.stdout).unwrap();
     let topics = found["topics"].as_array().unwrap();
-    let sample = topics.iter().find(|topic| topic["topic"] == SAMPLE.name).unwrap();
+    let sample = topics.iter().find(|topic| topic["topic"] == SAMPLE.topic.name).unwrap();
     assert_eq!(sample["gaps"], missing, "{sample:#}");
     assert_eq!(verified.status.code(), Some(if missing == 0 { 0 } else { 3 }), "{found:#}");
     let info = json(&rig, &["rec", "info", &text(&whole), "--json"]);
@@ -138,7 +138,7 @@ fn assert_snapshot_of_a_trip(rig: &TestRig, file: &Path, answer: &Value) {
     assert_eq!(recording.metadata("trigger"), Some("trip"));
     assert_eq!(recording.metadata("trigger_ns"), Some(at_ns.to_string().as_str()));
     let tokens: Vec<EnableToken> = recording
-        .messages::<EnableToken>(TOKEN.name)
+        .messages::<EnableToken>(TOKEN.topic.name)
         .unwrap()
         .map(|token| token.unwrap().message)
         .collect();
