@@ -54,6 +54,11 @@ impl Supervision {
         self.epoch
     }
 
+    /// First check (ns, CLOCK_MONOTONIC); 0 before it.
+    pub(super) fn since_ns(&self) -> u64 {
+        self.since_ns.unwrap_or(0)
+    }
+
     /// Checks at `now_ns`; the client last renewed its lease at `renewed_ns` (0: not yet), and the
     /// lease lasts `lease_ns` (CLOCK_MONOTONIC).
     pub(super) fn check(
