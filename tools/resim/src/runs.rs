@@ -96,7 +96,7 @@ mod tests {
     const HOLD: &str = "[protocol]\nname = \"hold\"\n\
         [[segments]]\nkind = \"hold\"\nduration_s = 1.0\n";
     const WAIT: &str = "[protocol]\nname = \"wait\"\n\
-        [[segments]]\nkind = \"wait_for_scanner\"\n\
+        [[segments]]\nkind = \"wait_for_scanner\"\ntimeout_s = 5.0\n\
         [[segments]]\nkind = \"hold\"\nduration_s = 1.0\n";
 
     fn begins(text: &str, run_ns: u64) -> Setpoint {

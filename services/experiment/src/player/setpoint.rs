@@ -26,7 +26,10 @@ impl Player {
             for (axis, track) in step.tracks() {
                 points[axis] = track.at(self.rest[axis], t);
             }
-            match (&step.track.movement, &self.finder, &self.ilc) {
+            // The search of an earlier segment says nothing of this one.
+            let begun_ns = self.playing().map(|(_, begun_ns)| begun_ns);
+            let finder = self.finder.as_ref().filter(|(of_ns, _)| Some(*of_ns) == begun_ns);
+            match (&step.track.movement, finder, &self.ilc) {
                 (Movement::Initialise(_), Some((_, finder)), _) => {
                     points[step.axis] = finder.point()
                 }
