@@ -1,5 +1,5 @@
-//! Messages of the experiment process: its setpoints, and what it says of a protocol in progress, in
-//! one list with the macro of the others.
+//! Messages of the experiment process: its setpoints, and what it says of a protocol in progress,
+//! in one list with the macro of the others.
 
 use crate::message::messages;
 use crate::{ANALOG, AXES, BARS, MATRIX, TABLES};

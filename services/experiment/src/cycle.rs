@@ -1,6 +1,6 @@
 //! One cycle of the experiment, from what was received to the setpoint, and what it does with what
-//! it receives. Pure: time and messages are arguments. The process runs it, and `farreach rec resim`
-//! runs it again on a recording.
+//! it receives. Pure: time and messages are arguments. The process runs it, and `farreach rec
+//! resim` runs it again on a recording.
 
 use std::sync::Arc;
 

@@ -1,5 +1,5 @@
-//! The cores of control, gate, watchdog and experiment, run again on what they published on the time
-//! grid: all of it is the same, and what was altered afterwards is found.
+//! The cores of control, gate, watchdog and experiment, run again on what they published on the
+//! time grid: all of it is the same, and what was altered afterwards is found.
 #![allow(clippy::unwrap_used)]
 
 mod cores;

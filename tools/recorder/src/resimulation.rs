@@ -7,9 +7,7 @@ use anyhow::Context;
 use ipc_types::{Process, Profile};
 use recording::mcap_read::Recording;
 use recording::mcap_write::{START_RECORD, key};
-use resim::{
-    CoreReport, Difference, Foreign, OtherGains, Replay, Report, Rigs, Runs, Trip, Used,
-};
+use resim::{CoreReport, Difference, Foreign, OtherGains, Replay, Report, Rigs, Runs, Trip, Used};
 use rig::RigFile;
 use serde::Serialize;
 

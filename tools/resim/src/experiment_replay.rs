@@ -209,13 +209,7 @@ impl Process {
     }
 
     /// Begins the run of a protocol.
-    fn begin(
-        &mut self,
-        setpoint: &Setpoint,
-        named: Option<&Named<'_>>,
-        runs: &Runs,
-        rigs: &Rigs,
-    ) {
+    fn begin(&mut self, setpoint: &Setpoint, named: Option<&Named<'_>>, runs: &Runs, rigs: &Rigs) {
         let now_ns = setpoint.player_ns;
         let measured = named.is_some_and(|named| named.measures(setpoint.axes, now_ns));
         let known = match std::mem::replace(&mut self.state, Err(NotCompared::InputMissing)) {
@@ -339,9 +333,9 @@ impl Known {
         let Some(program) = program else { return Ok(()) };
         if program.takes_keys() {
             for number in before.keys + 1..=now.keys {
-                let key = inputs.keys.find(|key| {
-                    (key.incarnation, key.pulses) == (setpoint.incarnation, number)
-                });
+                let key = inputs
+                    .keys
+                    .find(|key| (key.incarnation, key.pulses) == (setpoint.incarnation, number));
                 let key = key.ok_or(NotCompared::InputMissing)?;
                 Received::default().key(key.at_ns, &mut self.player);
             }

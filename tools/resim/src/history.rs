@@ -2,9 +2,7 @@
 
 use std::collections::VecDeque;
 
-use ipc_types::{
-    EnableLine, EnableToken, Message, MotorCommand, Sample, ScannerPulse, Setpoint,
-};
+use ipc_types::{EnableLine, EnableToken, Message, MotorCommand, Sample, ScannerPulse, Setpoint};
 
 /// Messages that are kept, by topic: half a minute of samples at 2 kHz. A process that was stopped
 /// between receiving and computing may use older ones, which are then missing.

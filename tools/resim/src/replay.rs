@@ -73,8 +73,8 @@ pub struct Replay {
 }
 
 impl Replay {
-    /// On the recording of a rig that played these protocols; `other` is the rig file whose gains are tried, `foreign` where
-    /// programs of somebody else's ran.
+    /// On the recording of a rig that played these protocols; `other` is the rig file whose gains
+    /// are tried, `foreign` where programs of somebody else's ran.
     ///
     /// # Errors
     /// [`OtherAxes`].

@@ -26,7 +26,8 @@ pub enum NotCompared {
     /// The setpoint does not say from what it was computed: an older build sent it, or a program of
     /// somebody else's.
     NotNamed,
-    /// The protocol that was played is not in the recording's metadata, or is none for its rig file.
+    /// The protocol that was played is not in the recording's metadata, or is none for its rig
+    /// file.
     ProtocolMissing,
     /// The protocol went on after an interruption, and keeps to the scanner: how far that was
     /// followed before is in no recording.

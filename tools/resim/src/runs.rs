@@ -36,7 +36,8 @@ impl Runs {
         for run in recording.runs() {
             let Some(text) = run.get(key::PROTOCOL_FILE) else { continue };
             let noted_ns = run.get(key::TIME_NS).and_then(|time| time.parse().ok()).unwrap_or(0);
-            let pulses = run.get(key::SCANNER_PULSES).map_or(Ok(PulseSource::Line), |it| it.parse());
+            let pulses = run.get(key::SCANNER_PULSES);
+            let pulses = pulses.map_or(Ok(PulseSource::Line), |source| source.parse());
             if let Ok(pulses) = pulses {
                 runs.push(noted_ns, text.clone(), pulses);
             }
@@ -60,9 +61,8 @@ impl Runs {
         setpoint: &Setpoint,
         rig: &RigFile,
     ) -> Result<Arc<Program>, NotCompared> {
-        let of_it = |run: &&Run| {
-            run.protocol == setpoint.protocol && run.noted_ns <= setpoint.run_ns
-        };
+        let of_it =
+            |run: &&Run| run.protocol == setpoint.protocol && run.noted_ns <= setpoint.run_ns;
         // The same protocol may be played again with pulses from elsewhere.
         let run = self.0.iter().filter(of_it).max_by_key(|run| run.noted_ns);
         let program = run.and_then(|run| {

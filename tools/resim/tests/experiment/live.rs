@@ -256,8 +256,7 @@ impl Live {
     }
 
     fn watchdog(&mut self) {
-        let state =
-            if self.epoch > 0 { WatchdogState::Enabled } else { WatchdogState::Tripped };
+        let state = if self.epoch > 0 { WatchdogState::Enabled } else { WatchdogState::Tripped };
         let token = EnableToken {
             session: 1,
             incarnation: WATCHDOG,
