@@ -11,8 +11,8 @@ use std::process::{Output, Stdio};
 use std::time::Duration;
 
 use ipc_types::{
-    COMMAND, ENABLE_LINE, EnableLine, EnableToken, Message, MotorCommand, SAMPLE, SCANNER,
-    SETPOINT, Sample, ScannerPulse, Setpoint, TOKEN, TypedTopic,
+    COMMAND, ENABLE_LINE, EnableLine, EnableToken, Message, MotorCommand, SAMPLE, SETPOINT, Sample,
+    Setpoint, TOKEN, TypedTopic,
 };
 use recording::mcap_read::Recording;
 use recording::mcap_write::{Start, Writer, key};
@@ -154,7 +154,6 @@ fn altered(
         writer.write_run(run).unwrap();
     }
     copy::<Sample>(recording, &SAMPLE, &mut writer, |_| {});
-    copy::<ScannerPulse>(recording, &SCANNER, &mut writer, |_| {});
     copy::<EnableToken>(recording, &TOKEN, &mut writer, |_| {});
     copy::<EnableLine>(recording, &ENABLE_LINE, &mut writer, |_| {});
     copy::<Setpoint>(recording, &SETPOINT, &mut writer, change_setpoint);

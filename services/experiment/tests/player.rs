@@ -280,12 +280,11 @@ fn time_that_goes_backwards_stands_still() {
     assert_eq!(player.step(1_000 * MS, &[0.0; AXES]), here);
 }
 
-#[test]
-fn a_search_counts_the_time_that_it_took_not_its_limit() {
-    let mut player = player(
-        "[protocol]\nname = \"find\"\n[[segments]]\nkind = \"initialise\"\nspeed_deg_s = 40\n\
-         volts = 4\nduration_s = 60\n",
-    );
+const FIND: &str = "[protocol]\nname = \"find\"\n[[segments]]\nkind = \"initialise\"\n\
+                    speed_deg_s = 40\nvolts = 4\nduration_s = 60\n";
+
+/// Steps a search to its end, between stops; returns when that was (ns).
+fn find(player: &mut Player) -> u64 {
     let (mut measured, mut now, mut done) = ([0.0; AXES], 0, None);
     while done.is_none() {
         let Output { setpoint, change } = player.step(now, &measured);
@@ -293,9 +292,27 @@ fn a_search_counts_the_time_that_it_took_not_its_limit() {
         done = change.filter(|change| *change == Change::Done);
         now += PERIOD;
     }
-    let took_s = (now - PERIOD) as f64 * 1e-9;
+    now - PERIOD
+}
+
+#[test]
+fn a_search_counts_the_time_that_it_took_not_its_limit() {
+    let mut player = player(FIND);
+    let took_s = find(&mut player) as f64 * 1e-9;
     let status = player.status();
     assert!(took_s < 20.0 && (status.elapsed_s - took_s).abs() < 1e-6, "{took_s} {status:?}");
+}
+
+#[test]
+fn a_search_begins_where_the_handle_is_whatever_was_searched_before() {
+    let mut player = player(FIND);
+    let found_ns = find(&mut player);
+    player.start(program(FIND), EPOCH);
+    let (setpoints, _) = play(&mut player, found_ns + 1_000 * MS, found_ns + 1_020 * MS);
+    for setpoint in &setpoints {
+        assert!(setpoint.position[0].abs() < 0.01, "{setpoint:?}");
+        assert_eq!(mode(setpoint), Mode::Initialise);
+    }
 }
 
 #[test]

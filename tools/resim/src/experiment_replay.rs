@@ -114,19 +114,16 @@ impl ExperimentReplay {
             .entry(setpoint.incarnation)
             .or_insert_with(|| Process::new(setpoint.time_ns));
         let begins = process.begins(setpoint);
-        let named = Named::find(setpoint, inputs);
         let was_known = process.state.is_ok();
-        if begins {
-            process.begin(setpoint, named.as_ref(), &self.runs, rigs);
-        } else if setpoint.sequence != process.next {
+        if !begins && setpoint.sequence != process.next {
             process.forget(NotCompared::MessagesMissing);
         }
-        if named.is_none() {
-            process.forget(NotCompared::InputMissing);
+        let wanted = begins || process.state.is_ok();
+        let named = wanted.then(|| Named::find(setpoint, inputs)).flatten();
+        if begins {
+            process.begin(setpoint, named.as_ref(), &self.runs, rigs);
         }
-        let again = named.map_or(Err(NotCompared::InputMissing), |named| {
-            process.step(setpoint, &named, begins, inputs)
-        });
+        let again = process.step(setpoint, named.as_ref(), begins, inputs);
         process.next = setpoint.sequence.saturating_add(1);
         process.received = Received::of(setpoint);
         let at_s = rigs.seconds(setpoint.player_ns);
@@ -234,11 +231,15 @@ impl Process {
     fn step(
         &mut self,
         setpoint: &Setpoint,
-        named: &Named<'_>,
+        named: Option<&Named<'_>>,
         begins: bool,
         inputs: &Inputs,
     ) -> Result<Setpoint, NotCompared> {
+        if named.is_none() {
+            self.forget(NotCompared::InputMissing);
+        }
         let known = self.state.as_mut().map_err(|why| *why)?;
+        let named = named.ok_or(NotCompared::InputMissing)?;
         let given = known.give(&self.received, setpoint, (named, begins), inputs);
         let again = given.map(|()| known.step(setpoint, named));
         // What the player asked to be done may be beyond what is known, from the next step on.
