@@ -47,6 +47,9 @@ const GIVEN: [&str; 21] = [
     "continued",
 ];
 
+/// Latest time that a player can be given: 146 years after the computer's start (ns).
+const LATEST_NS: u64 = 1 << 62;
+
 /// A player whose state follows from what was seen.
 #[derive(Debug)]
 struct Known {
@@ -105,7 +108,8 @@ impl ExperimentReplay {
 
     /// Takes a setpoint. Its inputs have been taken before it.
     pub(crate) fn see(&mut self, setpoint: &Setpoint, inputs: &Inputs, rigs: &Rigs) {
-        if setpoint.player_ns == 0 || setpoint.owner != ipc_types::Process::Experiment.code() {
+        let of_player = setpoint.owner == ipc_types::Process::Experiment.code();
+        if !of_player || !(1..=LATEST_NS).contains(&setpoint.player_ns) {
             return self.leave_out(setpoint, NotCompared::NotNamed);
         }
         self.report.messages += 1;
@@ -176,8 +180,8 @@ impl<'a> Named<'a> {
         let Some((_, sample)) = self.sample.filter(|(_, sample)| fresh(sample)) else {
             return false;
         };
-        let axes = sample.master_position.iter().take(usize::from(axes)).enumerate();
-        axes.into_iter().all(|(axis, at)| sample.master_present >> axis & 1 == 1 && at.is_finite())
+        let mut axes = sample.master_position.iter().take(usize::from(axes)).enumerate();
+        axes.all(|(axis, at)| sample.master_present >> axis & 1 == 1 && at.is_finite())
     }
 }
 
@@ -284,9 +288,8 @@ impl Known {
         (named, begins): (&Named<'_>, bool),
         inputs: &Inputs,
     ) -> Result<(), NotCompared> {
-        let now = Received::of(setpoint);
-        let newest = |number: u64| number.saturating_add(1);
-        let next_sample = named.sample.map_or(self.next_sample, |(number, _)| newest(number));
+        let (mut received, now) = (*before, Received::of(setpoint));
+        let next_sample = named.sample.map_or(self.next_sample, |(number, _)| number + 1);
         if self.learning.is_active() && !begins {
             let came = now.samples.checked_sub(before.samples);
             if came != next_sample.checked_sub(self.next_sample) {
@@ -294,14 +297,14 @@ impl Known {
             }
             for number in self.next_sample..next_sample {
                 let sample = inputs.samples.get(number).ok_or(NotCompared::InputMissing)?;
-                Received::default().sample(sample, &mut self.player);
+                received.sample(sample, &mut self.player);
             }
         }
         self.next_sample = next_sample;
-        self.give_scanner(before, setpoint, begins, inputs)?;
+        self.give_scanner(&mut received, setpoint, begins, inputs)?;
         for _ in before.results..now.results {
             match self.learning.result() {
-                Some(result) => Received::default().result(result, &mut self.player),
+                Some(result) => received.result(result, &mut self.player),
                 // One of a run before, of which nothing is known.
                 None if begins => break,
                 None => return Err(NotCompared::LearntBefore),
@@ -309,7 +312,7 @@ impl Known {
         }
         let stops = if begins { now.order != now.run } else { now.order != before.order };
         if stops {
-            Received::default().stop(now.order, &mut self.player);
+            received.stop(now.order, &mut self.player);
         }
         Ok(())
     }
@@ -317,12 +320,12 @@ impl Known {
     /// Gives the player what the scanner has sent.
     fn give_scanner(
         &mut self,
-        before: &Received,
+        received: &mut Received,
         setpoint: &Setpoint,
         begins: bool,
         inputs: &Inputs,
     ) -> Result<(), NotCompared> {
-        let now = Received::of(setpoint);
+        let (before, now) = (*received, Received::of(setpoint));
         let newest = inputs.pulses.newest(self.next_pulse, |pulse| {
             (pulse.incarnation, pulse.sequence) == (now.pulse_incarnation, now.pulse_sequence)
         });
@@ -333,12 +336,12 @@ impl Known {
         // Before its first step the player counts nothing.
         let Some(program) = program else { return Ok(()) };
         if program.takes_keys() {
-            for number in before.keys + 1..=now.keys {
+            for number in before.keys.saturating_add(1)..=now.keys {
                 let key = inputs
                     .keys
                     .find(|key| (key.incarnation, key.pulses) == (setpoint.incarnation, number));
                 let key = key.ok_or(NotCompared::InputMissing)?;
-                Received::default().key(key.at_ns, &mut self.player);
+                received.key(key.at_ns, &mut self.player);
             }
         } else if program.needs_trigger() {
             if now.pulses.checked_sub(before.pulses) != self.next_pulse.checked_sub(from) {
@@ -346,7 +349,7 @@ impl Known {
             }
             for number in from..self.next_pulse {
                 let pulse = inputs.pulses.get(number).ok_or(NotCompared::InputMissing)?;
-                Received::default().pulse(pulse, &mut self.player);
+                received.pulse(pulse, &mut self.player);
             }
         }
         Ok(())

@@ -71,7 +71,9 @@ impl Supervision {
         let since_ns = *self.since_ns.get_or_insert(now_ns);
         let unknown = match permission {
             Permission::Enabled(epoch) if epoch == self.epoch => false,
-            Permission::Unknown if self.resumed && now_ns - since_ns <= lease_ns => true,
+            Permission::Unknown if self.resumed && now_ns.saturating_sub(since_ns) <= lease_ns => {
+                true
+            }
             _ => return Verdict::PermissionLost,
         };
         if now_ns.saturating_sub(renewed_ns.max(since_ns)) > lease_ns {
