@@ -61,7 +61,10 @@ impl LearningReplay {
                 }
                 IlcJob::Returned(Returned::Reference(_)) => {}
                 IlcJob::End(ilc) => {
-                    self.active.take_if(|(run_id, _)| *run_id == ilc.run_id());
+                    let is_it = |(run_id, _): &(u32, IlcUpdater)| *run_id == ilc.run_id();
+                    if self.active.as_ref().is_some_and(is_it) {
+                        self.active = None;
+                    }
                 }
             }
         }

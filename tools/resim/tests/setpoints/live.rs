@@ -198,7 +198,7 @@ impl Live {
         }
         self.learn();
         // The lease is renewed between two cycles.
-        if self.client && self.now_ns / CYCLE_NS % 10 == 0 {
+        if self.client && (self.now_ns / CYCLE_NS).is_multiple_of(10) {
             self.renewed_ns = woke_ns + 100_000;
         }
         self.now_ns += CYCLE_NS;
