@@ -113,7 +113,7 @@ fn a_recording_of_a_rig_gives_the_same_again_and_an_altered_one_does_not() {
             core["not_compared"].as_object().unwrap().values().filter_map(Value::as_u64).sum();
         assert_eq!(count("compared") + skipped, count("messages"), "{}", text());
     }
-    for core in [0, 4] {
+    for core in [0_usize, 4] {
         let begins = found["cores"][core]["begins"].as_array().unwrap();
         assert!(begins.len() >= 2, "{}", text());
     }
