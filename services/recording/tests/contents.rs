@@ -161,6 +161,23 @@ fn where_all_is_older_than_the_recording_times_count_from_the_oldest_message() {
 }
 
 #[test]
+fn a_message_of_the_very_time_at_which_a_recording_begins_is_its_first() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("history.mcap");
+    let mut writer = Writer::create(&path, &start(), sample(50).time_ns).unwrap();
+    for i in 0..=50 {
+        writer.write_message(&SAMPLE, &sample(i)).unwrap();
+    }
+    writer.finish(&[]).unwrap();
+    let recording = Recording::open(&path).unwrap();
+    let check = recording.check().unwrap();
+    let samples = check.topics.iter().find(|topic| topic.topic == SAMPLE.topic.name).unwrap();
+    assert!(samples.first_ns < samples.last_ns);
+    assert_eq!(check.origin_ns, Some(samples.last_ns));
+    assert_eq!(recording.contents().unwrap(), Some(check.contents()));
+}
+
+#[test]
 fn a_message_that_cannot_be_decoded_is_counted_and_the_first_reason_is_told() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("pairs.mcap");
