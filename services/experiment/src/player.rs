@@ -149,8 +149,8 @@ pub struct Player {
     early_s: f64,
     /// Positions of the slaves' encoders (rad or m); NaN for an axis without one.
     handles: [f64; AXES],
-    /// The search for the ends of an axis, and when its segment began.
-    finder: Option<(u64, RangeFinder)>,
+    /// The search for the ends of an axis in the segment that is played.
+    finder: Option<RangeFinder>,
     /// The last beat, and when its segment began.
     beat: (u64, u32),
     notice: Option<Notice>,
@@ -354,7 +354,7 @@ impl Player {
             Phase::Idle => None,
             Phase::Entering { segment, change } => {
                 self.find_axes(program, measured);
-                self.phase = Phase::Playing { segment, begun_ns: now_ns };
+                self.play(segment, now_ns);
                 self.begin_scan(program, segment, change, now_ns);
                 self.begin_ilc(program, segment, now_ns, matches!(change, Change::Resumed(_)));
                 Some(change)
@@ -362,7 +362,7 @@ impl Player {
             Phase::Playing { segment, .. } if paused => {
                 self.pending_order = None;
                 self.find_axes(program, measured);
-                self.phase = Phase::Playing { segment, begun_ns: now_ns };
+                self.play(segment, now_ns);
                 self.scan.pause();
                 self.begin_ilc(program, segment, now_ns, true);
                 Some(Change::Resumed(segment as u32))
@@ -473,7 +473,7 @@ impl Player {
         self.scan.pass_edge(edge_ns, planned_s);
         self.last_edge_ns = edge_ns;
         if segment + 1 < program.steps.len() {
-            self.phase = Phase::Playing { segment: segment + 1, begun_ns: edge_ns };
+            self.play(segment + 1, edge_ns);
             self.begin_wait(program, segment + 1, edge_ns);
             self.begin_ilc(program, segment + 1, edge_ns, false);
             return Some(Change::Segment(segment as u32 + 1));

@@ -42,11 +42,11 @@ impl Player {
         let range = self.position_range(program, axis);
         // Positions that are absolute need no zero: an end is where the handle stops.
         let stops = self.zeros.and(program.homing[axis]).map(|homing| homing.stops(how.volts));
-        if self.finder.is_none_or(|(begun, _)| begun != begun_ns) {
+        if self.finder.is_none() {
             self.find_axes(program, measured);
-            self.finder = Some((begun_ns, RangeFinder::new(*how, self.rest[axis], range, stops)));
+            self.finder = Some(RangeFinder::new(*how, self.rest[axis], range, stops));
         }
-        let (_, finder) = self.finder.as_mut()?;
+        let finder = self.finder.as_mut()?;
         let handle =
             if self.handles[axis].is_finite() { self.handles[axis] } else { measured[axis] };
         let reason = match finder

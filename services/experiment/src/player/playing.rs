@@ -1,8 +1,14 @@
-//! Where the player is in its protocol, for what follows it.
+//! Where the player is in its protocol.
 
 use super::{Phase, Player};
 
 impl Player {
+    /// Plays a segment from `begun_ns` on. The search of an earlier one says nothing of it.
+    pub(super) const fn play(&mut self, segment: usize, begun_ns: u64) {
+        self.phase = Phase::Playing { segment, begun_ns };
+        self.finder = None;
+    }
+
     /// The segment that is played, and when it began (ns, CLOCK_MONOTONIC); `None` between
     /// protocols, and once a protocol ends.
     pub const fn playing(&self) -> Option<(usize, u64)> {

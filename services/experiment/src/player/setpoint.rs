@@ -26,13 +26,8 @@ impl Player {
             for (axis, track) in step.tracks() {
                 points[axis] = track.at(self.rest[axis], t);
             }
-            // The search of an earlier segment says nothing of this one.
-            let begun_ns = self.playing().map(|(_, begun_ns)| begun_ns);
-            let finder = self.finder.as_ref().filter(|(of_ns, _)| Some(*of_ns) == begun_ns);
-            match (&step.track.movement, finder, &self.ilc) {
-                (Movement::Initialise(_), Some((_, finder)), _) => {
-                    points[step.axis] = finder.point()
-                }
+            match (&step.track.movement, &self.finder, &self.ilc) {
+                (Movement::Initialise(_), Some(finder), _) => points[step.axis] = finder.point(),
                 (_, _, Some(ilc)) => points[step.axis] = ilc.at(self.last_ns.unwrap_or_default()),
                 _ => {}
             }
