@@ -177,7 +177,7 @@ impl Gate {
         self.seen_epoch = self.seen_epoch.max(token.epoch);
         let enabled = token.enabled == 1;
         if self.open.is_some_and(|open| token.watchdog_incarnation != open.watchdog) {
-            self.ends_open(GateCause::TokenSender);
+            self.note(GateCause::TokenSender);
         }
         // A withdrawal counts even where the token is out of order: it can only take power away.
         if !enabled {
@@ -203,11 +203,11 @@ impl Gate {
         }
         if let Some(open) = self.open {
             if !enabled || token.epoch > open.epoch {
-                self.ends_open(GateCause::Withdrawn);
+                self.note(GateCause::Withdrawn);
             } else if token.acquisition_incarnation != self.config.acquisition_incarnation {
-                self.ends_open(GateCause::TokenReceiver);
+                self.note(GateCause::TokenReceiver);
             } else if token.control_incarnation != open.control {
-                self.ends_open(GateCause::CommandSender);
+                self.note(GateCause::CommandSender);
             }
         }
         self.token = Some(*token);
@@ -223,7 +223,7 @@ impl Gate {
             return self.refuse_command(GateCause::CommandSession);
         }
         if self.open.is_some_and(|open| command.incarnation != open.control) {
-            self.ends_open(GateCause::CommandSender);
+            self.note(GateCause::CommandSender);
         }
         let other =
             self.command.as_ref().is_some_and(|last| last.incarnation != command.incarnation);
@@ -316,9 +316,7 @@ impl Gate {
     pub fn write_failed(&mut self) -> GateOutput {
         match self.open {
             Some(open) => self.latch_closed(open.epoch, GateCause::WriteFailed),
-            None => {
-                self.violation.get_or_insert(GateCause::WriteFailed);
-            }
+            None => self.note(GateCause::WriteFailed),
         }
         self.output([0.0; AXES])
     }
@@ -392,16 +390,17 @@ impl Gate {
         Ok(())
     }
 
-    /// Remembers for the next step why the open epoch ends. What is measured against it concerns no
-    /// epoch after it, for which a token may have come in the same cycle.
-    fn ends_open(&mut self, cause: GateCause) {
+    /// Remembers the first cause until the next step, and no longer. What is measured against the
+    /// open epoch concerns no epoch after it, for which a token may have come in the same cycle; and
+    /// an epoch that waits outlasts a refused write.
+    fn note(&mut self, cause: GateCause) {
         self.violation.get_or_insert(cause);
     }
 
     /// Remembers the first violation until the next step, and the epoch in which it came until
     /// that ends.
     fn violated(&mut self, cause: GateCause) {
-        self.violation.get_or_insert(cause);
+        self.note(cause);
         if let Some(pending) = self.pending()
             && self.spoilt.is_none_or(|(epoch, _)| epoch != pending.epoch)
         {

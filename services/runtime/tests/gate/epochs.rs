@@ -124,26 +124,14 @@ fn sr_08_a_violation_ends_its_epoch_whatever_else_its_cycle_brings() {
             rig.gate.write_failed();
             bad_command(rig);
         }),
-        ("the end of the epoch before", |rig| {
-            rig.renew();
-            rig.step();
-            rig.token.epoch = 2;
-            rig.renew();
-            rig.gate.observe_token(&rig.token);
-            bad_command(rig);
-        }),
+        ("the end of the epoch before", bad_command_in_the_next_epoch),
         ("the same, after an epoch with a violation of its own", |rig| {
             rig.renew();
             rig.gate.observe_token(&rig.token);
             bad_command(rig);
             rig.gate.step(rig.now);
             rig.token.epoch = 2;
-            rig.renew();
-            assert_eq!(rig.step().state, GateState::Open);
-            rig.token.epoch = 3;
-            rig.renew();
-            rig.gate.observe_token(&rig.token);
-            bad_command(rig);
+            bad_command_in_the_next_epoch(rig);
         }),
         ("a permission for another acquisition", |rig| {
             rig.renew();
@@ -172,6 +160,16 @@ fn sr_08_a_violation_ends_its_epoch_whatever_else_its_cycle_brings() {
         rig.renew();
         assert_eq!(rig.step().state, GateState::Open, "{what}");
     }
+}
+
+/// Opens the gate in the present epoch; then one cycle brings the next epoch, and its violation.
+fn bad_command_in_the_next_epoch(rig: &mut Rig) {
+    rig.renew();
+    assert_eq!(rig.step().state, GateState::Open);
+    rig.token.epoch += 1;
+    rig.renew();
+    rig.gate.observe_token(&rig.token);
+    bad_command(rig);
 }
 
 fn bad_command(rig: &mut Rig) {
