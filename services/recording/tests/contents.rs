@@ -6,6 +6,7 @@ mod common;
 
 use std::collections::BTreeMap;
 use std::fs;
+use std::ops::Range;
 use std::path::Path;
 
 use common::{command, fill, sample, start, write_file};
@@ -143,17 +144,22 @@ fn a_chunk_whose_head_was_altered_costs_that_chunk_alone() {
     }
 }
 
+/// A recording of these samples that began at a time (ns, CLOCK_MONOTONIC).
+fn samples_since(dir: &Path, begun_ns: u64, ticks: Range<u64>) -> Recording {
+    let path = dir.join("run.mcap");
+    let mut writer = Writer::create(&path, &start(), begun_ns).unwrap();
+    for i in ticks {
+        writer.write_message(&SAMPLE, &sample(i)).unwrap();
+    }
+    writer.finish(&[]).unwrap();
+    Recording::open(&path).unwrap()
+}
+
 /// As of a topic with a history that was all there before the recording began.
 #[test]
 fn where_all_is_older_than_the_recording_times_count_from_the_oldest_message() {
     let dir = tempfile::tempdir().unwrap();
-    let path = dir.path().join("old.mcap");
-    let mut writer = Writer::create(&path, &start(), sample(100).time_ns).unwrap();
-    for i in 0..50 {
-        writer.write_message(&SAMPLE, &sample(i)).unwrap();
-    }
-    writer.finish(&[]).unwrap();
-    let check = Recording::open(&path).unwrap().check().unwrap();
+    let check = samples_since(dir.path(), sample(100).time_ns, 0..50).check().unwrap();
     let samples = check.topics.iter().find(|topic| topic.topic == SAMPLE.topic.name).unwrap();
     assert!(check.topics.iter().any(|topic| topic.count == 0), "a topic without messages");
     assert!(samples.first_ns > 0);
@@ -163,13 +169,7 @@ fn where_all_is_older_than_the_recording_times_count_from_the_oldest_message() {
 #[test]
 fn a_message_of_the_very_time_at_which_a_recording_begins_is_its_first() {
     let dir = tempfile::tempdir().unwrap();
-    let path = dir.path().join("history.mcap");
-    let mut writer = Writer::create(&path, &start(), sample(50).time_ns).unwrap();
-    for i in 0..=50 {
-        writer.write_message(&SAMPLE, &sample(i)).unwrap();
-    }
-    writer.finish(&[]).unwrap();
-    let recording = Recording::open(&path).unwrap();
+    let recording = samples_since(dir.path(), sample(50).time_ns, 0..51);
     let check = recording.check().unwrap();
     let samples = check.topics.iter().find(|topic| topic.topic == SAMPLE.topic.name).unwrap();
     assert!(samples.first_ns < samples.last_ns);
