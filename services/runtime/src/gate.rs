@@ -391,8 +391,8 @@ impl Gate {
     }
 
     /// Remembers the first cause until the next step, and no longer. What is measured against the
-    /// open epoch concerns no epoch after it, for which a token may have come in the same cycle; and
-    /// an epoch that waits outlasts a refused write.
+    /// open epoch concerns no epoch after it, for which a token may have come in the same cycle;
+    /// and an epoch that waits outlasts a refused write.
     fn note(&mut self, cause: GateCause) {
         self.violation.get_or_insert(cause);
     }
