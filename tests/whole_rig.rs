@@ -307,6 +307,8 @@ fn a_session_from_up_to_down() {
         );
         session.ok(["rec", "start", &second, "--metadata", "subject=S07"]);
         assert_eq!(session.status()["recording"]["file"], second.as_str());
+        let told = session.ok(["rec", "tag", "elbow moved", "--author", "anna"]);
+        assert_eq!(told, format!("{second}: anna: elbow moved\n"));
     });
     // A loaded host may have tripped the rig since, which takes the power away as well.
     let _disarmed = session.run(["disarm"]);
@@ -339,6 +341,10 @@ fn a_session_from_up_to_down() {
     );
     assert_event(&after, Process::Experiment, EventKind::ProtocolDone);
     assert_eq!(after.metadata("subject"), Some("S07"));
+    let info: Value =
+        serde_json::from_str(&session.ok(["rec", "info", &second, "--json"])).unwrap();
+    assert_eq!(info["notes"][0]["text"], "anna: elbow moved", "{info:#}");
+    assert!(info["notes"][0]["t_s"].as_f64().unwrap() > 0.0);
     // The recording contains what was run: the protocol's text and the subject.
     let run = before.runs().chain(after.runs()).last().unwrap();
     assert_eq!(run["subject"], "S07");

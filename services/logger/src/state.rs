@@ -6,6 +6,7 @@ use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
+use ipc_types::Split;
 use recording::mcap_write::Positions;
 use serde::{Deserialize, Serialize};
 
@@ -31,6 +32,12 @@ pub struct StartRequest {
     /// The protocol that is being played; empty where none is.
     #[serde(default)]
     pub run: BTreeMap<String, String>,
+    /// When to go on in the next part.
+    #[serde(default)]
+    pub split: Split,
+    /// Of a ring: the numbers of the parts that have ended and are there.
+    #[serde(default)]
+    pub ring_parts: Vec<u32>,
     /// Where the part before ended; empty for part 1. The messages between are counted as lost.
     #[serde(skip)]
     pub continues: Positions,
@@ -41,7 +48,11 @@ impl StartRequest {
     /// part before ended.
     #[must_use]
     pub fn next_part(self, continues: Positions) -> Self {
-        Self { part: self.part + 1, continues, ..self }
+        let mut ring_parts = self.ring_parts;
+        if self.split.keep_ns.is_some() {
+            ring_parts.push(self.part);
+        }
+        Self { part: self.part + 1, continues, ring_parts, ..self }
     }
 }
 
@@ -132,6 +143,7 @@ mod tests {
             metadata: BTreeMap::from([("rig".to_owned(), "hydrostatic \"x\"\n".to_owned())]),
             realtime_offset_ns: -5,
             began_ns: 3,
+            split: Split { every_bytes: Some(9), ..Split::default() },
             ..StartRequest::default()
         }
     }

@@ -43,7 +43,7 @@ fn request(path: &Path) -> StartRequest {
 
 fn started(recorder: &mut RecorderFrontEnd) -> PathBuf {
     match recorder.wait(LONG).unwrap() {
-        Outcome::Started { path } => path,
+        Outcome::Started { path, .. } => path,
         other => panic!("{other:?}"),
     }
 }

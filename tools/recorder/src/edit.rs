@@ -2,9 +2,10 @@
 
 use std::collections::BTreeMap;
 use std::io::Write;
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 
-use anyhow::bail;
+use anyhow::{Context, bail};
 use recording::mcap_edit::{EditReport, check_one_session, rewrite};
 use recording::mcap_read::{Recording, Selection};
 use recording::mcap_write::key;
@@ -98,6 +99,58 @@ pub(crate) fn merge(
         || recordings.iter().any(|recording| exit_code_of_tail(recording) == DATA_LOST);
     report_edit(&report, to, json, lost, out)?;
     Ok(if lost { DATA_LOST } else { DONE })
+}
+
+/// A part of a recording.
+#[derive(Clone, Debug)]
+pub struct Part {
+    /// What it is called.
+    pub name: PathBuf,
+    /// Where it is read.
+    pub at: PathBuf,
+}
+
+/// Copies what parts of a recording, all of which have ended, hold of an interval of time [ns,
+/// CLOCK_MONOTONIC] into a new file, with `notes`. Returns how many messages there were, and the
+/// interval that they make.
+///
+/// # Errors
+/// Where they hold nothing of it or cannot be read, or the file is there already.
+pub fn copy_interval(
+    parts: &[Part],
+    times_ns: Range<u64>,
+    notes: BTreeMap<String, String>,
+    to: &Path,
+) -> anyhow::Result<(u64, Range<u64>)> {
+    let mut recordings = Vec::new();
+    let mut names = Vec::new();
+    let mut offset_ns = 0;
+    for Part { name, at } in parts {
+        let recording = Recording::open(at).with_context(|| name.display().to_string())?;
+        offset_ns = recording.realtime_offset_ns().unwrap_or(offset_ns);
+        let span = recording.contents()?.and_then(|contents| contents.span_ns());
+        let from_ns = times_ns.start.saturating_add_signed(offset_ns);
+        // One without a summary was torn: it is read.
+        if span.is_none_or(|(_, last_ns)| last_ns >= from_ns) {
+            recordings.push(recording);
+            names.push(name.as_path());
+        }
+    }
+    let sources: Vec<&Recording> = recordings.iter().collect();
+    let Some(first) = sources.first() else {
+        bail!("the ring holds nothing of this time");
+    };
+    check_one_session(&sources)?;
+    let [from_ns, until_ns] =
+        [times_ns.start, times_ns.end].map(|at_ns| at_ns.saturating_add_signed(offset_ns));
+    let mut how = with_replaced(how("snapshot", &names), first, Some(from_ns))?;
+    how.extend(notes);
+    let report = rewrite(&sources, Some(from_ns), Some(until_ns), &how, to)?;
+    let found = Recording::open(to)?.contents()?.and_then(|contents| contents.span_ns());
+    let (first_ns, last_ns) = found.unwrap_or((from_ns, from_ns));
+    let [first_ns, last_ns] =
+        [first_ns, last_ns].map(|at_ns| at_ns.saturating_add_signed(-offset_ns));
+    Ok((report.messages, first_ns..last_ns))
 }
 
 /// Notes for the new file: what was done to which files. Names without folders, which say nothing

@@ -5,7 +5,7 @@ use std::net::IpAddr;
 
 /// Whether the console answers to this `Host`: an address, `localhost`, or the computer's own name.
 /// Any other name may be another site's.
-pub(crate) fn is_own_host(host: &str, computer: &str) -> bool {
+pub fn is_own_host(host: &str, computer: &str) -> bool {
     let name = without_port(host);
     let address = name.strip_prefix('[').and_then(|it| it.strip_suffix(']')).unwrap_or(name);
     address.parse::<IpAddr>().is_ok()

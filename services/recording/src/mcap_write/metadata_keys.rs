@@ -62,6 +62,8 @@ pub mod key {
     pub const STARTED_NS: &str = "started_ns";
     /// Number of the part: 1, or higher after a restart of the logger.
     pub const PART: &str = "part";
+    /// Of a ring, how much of the past is kept: `30 s`; absent where all parts stay.
+    pub const RING: &str = "ring";
     /// `true` in the end record.
     pub const CLEAN_END: &str = "clean_end";
 }

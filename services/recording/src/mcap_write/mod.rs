@@ -46,6 +46,7 @@ use ipc_types::{CDR_HEADER, LossCounters, Message, TOPICS, TypedTopic};
 use mcap::records::MessageHeader;
 use mcap::write::NoSeek;
 
+use crate::channel::{self, MESSAGE_ENCODING, SCHEMA_ENCODING};
 use crate::record_checksum::sealed;
 use crate::word;
 pub use error::WriteError;
@@ -175,13 +176,10 @@ impl Writer {
             }
             let mut channels = Vec::with_capacity(TOPICS.len());
             for topic in TOPICS {
-                let schema =
-                    mcap.add_schema(topic.ros_name, "ros2msg", (topic.schema)().as_bytes())?;
-                let about = BTreeMap::from([
-                    ("owner".to_owned(), topic.owner.text().to_owned()),
-                    ("type".to_owned(), topic.type_name.to_owned()),
-                ]);
-                channels.push(mcap.add_channel(schema, topic.name, "cdr", &about)?);
+                let text = (topic.schema)();
+                let schema = mcap.add_schema(topic.ros_name, SCHEMA_ENCODING, text.as_bytes())?;
+                let about = channel::about(topic);
+                channels.push(mcap.add_channel(schema, topic.name, MESSAGE_ENCODING, &about)?);
             }
             // Without the schemas, a truncated file could not be read.
             mcap.flush()?;
@@ -232,8 +230,7 @@ impl Writer {
         }
         let log_time = self.log_time(word(bytes, 24));
         self.payload.clear();
-        self.payload.extend_from_slice(&CDR_HEADER);
-        self.payload.extend_from_slice(bytes);
+        channel::put_payload(bytes, &mut self.payload);
         let header = MessageHeader {
             channel_id: channel,
             sequence: word(bytes, 16) as u32,
@@ -385,7 +382,7 @@ impl Writer {
     }
 
     fn log_time(&self, time_ns: u64) -> u64 {
-        time_ns.saturating_add_signed(self.realtime_offset_ns)
+        channel::wall_time_ns(time_ns, self.realtime_offset_ns)
     }
 
     fn poison(&mut self, source: mcap::McapError) -> WriteError {
