@@ -146,9 +146,9 @@ pub enum Command {
         #[arg(long)]
         json: bool,
     },
-    /// Runs the cores of control, gate and watchdog again on the recorded inputs and compares every
-    /// command, token and decision of the gate with the recorded one, bit for bit; says why the
-    /// watchdog tripped, and from what. Exit code 3 where something differs.
+    /// Runs the cores of control, gate, watchdog and experiment again on the recorded inputs and
+    /// compares every command, token, setpoint and decision of the gate with the recorded one, bit
+    /// for bit; says why the watchdog tripped, and from what. Exit code 3 where something differs.
     ///
     /// Example: farreach rec resim run.mcap
     Resim {

@@ -3,8 +3,8 @@
 use std::collections::BTreeMap;
 
 use ipc_types::{
-    COMMAND, ENABLE_LINE, EnableLine, EnableToken, Message, MotorCommand, SAMPLE, SETPOINT, Sample,
-    Setpoint, TOKEN,
+    COMMAND, ENABLE_LINE, EnableLine, EnableToken, Message, MotorCommand, SAMPLE, SCANNER,
+    SCANNER_KEY, SETPOINT, Sample, ScannerPulse, Setpoint, TOKEN,
 };
 use recording::mcap_read::{Channel, ReadError, Recording, Selection, in_order_of_time};
 use recording::schema::Conversion;
@@ -12,7 +12,8 @@ use thiserror::Error;
 
 use crate::history::Recorded;
 
-/// Fields without which a core cannot be run again; recordings of older builds lack them.
+/// Fields without which a core cannot be run again; recordings of older builds lack them. The
+/// setpoints of some that have them do not name their inputs yet: these alone are left out.
 const NEEDED: [&str; 3] = ["held_incarnation", "gate_ns", "samples_received"];
 
 /// Why the messages cannot be read.
@@ -37,6 +38,8 @@ enum Kind {
     Command,
     Token,
     Line,
+    Pulse,
+    Key,
 }
 
 impl Kind {
@@ -47,6 +50,8 @@ impl Kind {
             (COMMAND.topic, Self::Command),
             (TOKEN.topic, Self::Token),
             (ENABLE_LINE.topic, Self::Line),
+            (SCANNER.topic, Self::Pulse),
+            (SCANNER_KEY.topic, Self::Key),
         ];
         kinds.into_iter().find(|(own, _)| own.name == topic).map(|(_, kind)| kind)
     }
@@ -59,6 +64,8 @@ impl Kind {
             Self::Command => hand_on(conversion, body, |it| Recorded::Command(it), take),
             Self::Token => hand_on(conversion, body, |it| Recorded::Token(it), take),
             Self::Line => hand_on(conversion, body, |it| Recorded::Line(it), take),
+            Self::Pulse => hand_on(conversion, body, |it| Recorded::Pulse(it), take),
+            Self::Key => hand_on(conversion, body, |it| Recorded::Key(it), take),
         }
     }
 }
@@ -102,6 +109,7 @@ pub fn read(recording: &Recording, mut take: impl FnMut(Recorded<'_>)) -> Result
             Kind::Command => conversion::<MotorCommand>(recording, channel),
             Kind::Token => conversion::<EnableToken>(recording, channel),
             Kind::Line => conversion::<EnableLine>(recording, channel),
+            Kind::Pulse | Kind::Key => conversion::<ScannerPulse>(recording, channel),
         };
         channels.insert(id, (kind, conversion?));
     }

@@ -54,6 +54,8 @@ pub mod key {
     pub const PROTOCOL: &str = "protocol";
     /// Text of the protocol.
     pub const PROTOCOL_FILE: &str = "protocol_file";
+    /// Where the pulses of the scanner came from in a run; absent for its trigger line.
+    pub const SCANNER_PULSES: &str = "scanner_pulses";
     /// Command line that started the recording.
     pub const COMMAND_LINE: &str = "command_line";
     /// `CLOCK_REALTIME` minus `CLOCK_MONOTONIC`, fixed for the file (ns).
