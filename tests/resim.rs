@@ -69,7 +69,8 @@ fn stop(rig: &TestRig) {
         std::thread::sleep(Duration::from_secs(2));
         let stopped = rig.run(["stop"]);
         let output = run.wait_with_output().unwrap();
-        if stopped.status.success() && told(&output).contains("stopped") {
+        // A trip ends it in other words.
+        if stopped.status.success() && told(&output).contains("stopped after") {
             // It comes to rest, and the volts go to 0.
             std::thread::sleep(Duration::from_secs(2));
             return;

@@ -12,7 +12,7 @@ use std::sync::Arc;
 use experiment::cycle::{Received, SCAN_REPORTS_A_CYCLE, Seen};
 use experiment::player::{LEASE_NS, Permission, Player, Program};
 use experiment::state::PlayerState;
-use ipc_types::{EnableToken, Mode, Sample, Setpoint};
+use ipc_types::{EnableToken, Mode, Sample, ScannerPulse, Setpoint};
 
 use crate::difference::first_difference;
 use crate::history::Inputs;
@@ -296,8 +296,8 @@ impl Known {
                 return Err(NotCompared::InputMissing);
             }
             for number in self.next_sample..next_sample {
-                let sample = inputs.samples.get(number).ok_or(NotCompared::InputMissing)?;
-                received.sample(sample, &mut self.player);
+                let sample = inputs.samples.get(number).filter(|it| it.scan_time_ns <= LATEST_NS);
+                received.sample(sample.ok_or(NotCompared::InputMissing)?, &mut self.player);
             }
         }
         self.next_sample = next_sample;
@@ -336,21 +336,45 @@ impl Known {
         // Before its first step the player counts nothing.
         let Some(program) = program else { return Ok(()) };
         if program.takes_keys() {
-            for number in before.keys.saturating_add(1)..=now.keys {
-                let key = inputs
-                    .keys
-                    .find(|key| (key.incarnation, key.pulses) == (setpoint.incarnation, number));
-                let key = key.ok_or(NotCompared::InputMissing)?;
-                received.key(key.at_ns, &mut self.player);
+            for count in before.keys..now.keys {
+                let name = (setpoint.incarnation, count + 1);
+                let key = inputs.keys.find(|key| (key.incarnation, key.pulses) == name);
+                let key = key.filter(|key| key.at_ns <= LATEST_NS);
+                received.key(key.ok_or(NotCompared::InputMissing)?.at_ns, &mut self.player);
             }
         } else if program.needs_trigger() {
-            if now.pulses.checked_sub(before.pulses) != self.next_pulse.checked_sub(from) {
-                return Err(NotCompared::InputMissing);
-            }
-            for number in from..self.next_pulse {
-                let pulse = inputs.pulses.get(number).ok_or(NotCompared::InputMissing)?;
-                received.pulse(pulse, &mut self.player);
-            }
+            self.give_pulses(received, &now, from, inputs)?;
+        }
+        Ok(())
+    }
+
+    /// Gives the player the events of the scanner's line up to the newest that it knew, from
+    /// number `from` of the recording on.
+    fn give_pulses(
+        &mut self,
+        received: &mut Received,
+        now: &Received,
+        from: u64,
+        inputs: &Inputs,
+    ) -> Result<(), NotCompared> {
+        let next = self.next_pulse;
+        let came = now.pulses.checked_sub(received.pulses).ok_or(NotCompared::InputMissing)?;
+        // Before its first event a process has no place among those of the recording, of which it
+        // may not have got the oldest.
+        let first = received.pulses == 0;
+        let from = if first { next.saturating_sub(came) } else { from };
+        if next.checked_sub(from) != Some(came) {
+            return Err(NotCompared::InputMissing);
+        }
+        for number in from..next {
+            let is_sound = |pulse: &&ScannerPulse| {
+                let behind = now.pulse_sequence.checked_sub(pulse.sequence);
+                let of_sender =
+                    pulse.incarnation == now.pulse_incarnation && behind == Some(next - 1 - number);
+                pulse.at_ns <= LATEST_NS && (!first || of_sender)
+            };
+            let pulse = inputs.pulses.get(number).filter(is_sound);
+            received.pulse(pulse.ok_or(NotCompared::InputMissing)?, &mut self.player);
         }
         Ok(())
     }

@@ -12,9 +12,19 @@ use thiserror::Error;
 
 use crate::history::Recorded;
 
-/// Fields without which a core cannot be run again; recordings of older builds lack them. The
-/// setpoints of some that have them do not name their inputs yet: these alone are left out.
-const NEEDED: [&str; 3] = ["held_incarnation", "gate_ns", "samples_received"];
+/// Fields without which a core cannot be run again, each with its type; recordings of older builds
+/// lack them. The setpoints of some that have them do not name their inputs yet: these alone are
+/// left out.
+const NEEDED: [(&str, &str); 3] = [
+    (MotorCommand::ROS_NAME, "held_incarnation"),
+    (Sample::ROS_NAME, "gate_ns"),
+    (EnableToken::ROS_NAME, "samples_received"),
+];
+
+/// The first of the missing fields without which messages of a type cannot be used.
+fn needed<T: Message>(missing: &[&'static str]) -> Option<&'static str> {
+    missing.iter().copied().find(|field| NEEDED.contains(&(T::ROS_NAME, *field)))
+}
 
 /// Why the messages cannot be read.
 #[derive(Debug, Error)]
@@ -89,7 +99,7 @@ fn conversion<T: Message>(recording: &Recording, channel: &Channel) -> Result<Co
         source: source.clone(),
     })?;
     let conversion = layout.conversion::<T>();
-    match conversion.missing.iter().copied().find(|field| NEEDED.contains(field)) {
+    match needed::<T>(&conversion.missing) {
         Some(field) => Err(Error::OlderBuild { topic: channel.topic.clone(), field }),
         None => Ok(conversion),
     }
@@ -132,4 +142,16 @@ pub fn read(recording: &Recording, mut take: impl FnMut(Recorded<'_>)) -> Result
         Ok::<(), Error>(())
     })?;
     Ok(damaged)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_setpoint_may_lack_what_a_token_may_not() {
+        let missing = ["player_ns", "samples_received"];
+        assert_eq!(needed::<EnableToken>(&missing), Some("samples_received"));
+        assert_eq!(needed::<Setpoint>(&missing), None);
+    }
 }
