@@ -6,17 +6,18 @@
 #[path = "common/browser.rs"]
 mod browser;
 mod common;
+#[path = "common/devtools.rs"]
+mod devtools;
 
 use std::collections::BTreeSet;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use chromiumoxide::Browser;
 use ipc_types::{Event, EventKind, SCANNER_KEY, ScannerPulse};
 use recording::mcap_read::Recording;
 use serde_json::Value;
 
-use browser::{Chromium, Tab};
+use browser::{Browser, Chromium, Tab};
 use common::playing::messages;
 use common::{Signal, TestRig, kill, wait_for};
 
@@ -206,7 +207,7 @@ async fn match_force_and_stop(operator: &Tab, subject: &Tab, files: &str) -> boo
     subject.picture("subject-bar").await;
     operator.picture("operator-session").await;
     assert!(mirrored, "no bar on the operator's page");
-    operator.0.find_element("body").await.unwrap().press_key("Escape").await.unwrap();
+    operator.press("Escape").await;
     operator.wait(LONG, &format!("{TRIPPED} || {}", note_has("was stopped"))).await;
     if operator.value::<bool>(TRIPPED).await {
         return false;
@@ -312,8 +313,8 @@ async fn press_the_scanners_key(operator: &Tab) {
         let described = "document.querySelector('[data-path=\"scanner.repetition_s\"] input')";
         operator.wait(SHORT, described).await;
         start(operator, "").await;
-        let note = operator.0.find_element("#text").await.unwrap();
-        note.focus().await.unwrap().press_key("5").await.unwrap();
+        operator.focus("#text").await;
+        operator.press("5").await;
         let counted = "/^1 .*volumes, key 5/.test(document.querySelector('#scanner').textContent)";
         operator.wait(LONG, &format!("{TRIPPED} || {counted}")).await;
         let typed: String = operator.value("document.querySelector('#text').value").await;

@@ -7,23 +7,22 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
-use chromiumoxide::cdp::browser_protocol::input::InsertTextParams;
-use chromiumoxide::cdp::browser_protocol::page::CaptureScreenshotFormat;
-use chromiumoxide::cdp::browser_protocol::target::CreateTargetParams;
-use chromiumoxide::page::ScreenshotParams;
-use chromiumoxide::{Browser, Page};
-use futures_util::StreamExt as _;
+use data_encoding::BASE64;
 use serde::de::DeserializeOwned;
+use serde_json::{Value, json};
 
 use crate::common::Signal;
+use crate::devtools::Devtools;
 
 /// Pages are looked at so often.
 const POLL: Duration = Duration::from_millis(100);
+/// A page is loaded within this time.
+const LOADED: Duration = Duration::from_secs(60);
 
 /// A browser of its own for one test; ended with all its processes in any case.
 pub struct Chromium {
     child: Child,
-    port: String,
+    address: String,
     _profile: tempfile::TempDir,
 }
 
@@ -65,17 +64,17 @@ impl Chromium {
             .unwrap();
         let mut said = String::new();
         let mut lines = BufReader::new(child.stderr.take().unwrap()).lines();
-        let port = lines.by_ref().map_while(Result::ok).find_map(|line| {
-            let port = line.strip_prefix("DevTools listening on ").map(str::to_owned);
+        let address = lines.by_ref().map_while(Result::ok).find_map(|line| {
+            let address = line.strip_prefix("DevTools listening on ").map(str::to_owned);
             said += &line;
             said.push('\n');
-            port
+            address
         });
         // What it says later must not fill the pipe.
         std::thread::spawn(move || lines.for_each(drop));
-        let chromium = |port| Self { child, port, _profile: profile };
-        match port {
-            Some(port) => Some(chromium(port)),
+        let chromium = |address| Self { child, address, _profile: profile };
+        match address {
+            Some(address) => Some(chromium(address)),
             None => {
                 drop(chromium(String::new()));
                 panic!("Chromium did not start: {said}");
@@ -85,9 +84,9 @@ impl Chromium {
 
     /// Connects to the browser, in a runtime.
     pub async fn connect(&self) -> Browser {
-        let (browser, mut handler) = Browser::connect(&self.port).await.unwrap();
-        tokio::spawn(async move { while handler.next().await.is_some() {} });
-        browser
+        let host = self.address.strip_prefix("ws://").and_then(|rest| rest.split('/').next());
+        let host = host.unwrap_or_else(|| panic!("no address: {}", self.address)).to_owned();
+        Browser { host, devtools: Devtools::connect(&self.address).await }
     }
 }
 
@@ -100,20 +99,34 @@ impl Drop for Chromium {
     }
 }
 
+/// A connection to a browser.
+pub struct Browser {
+    /// Host and port.
+    host: String,
+    devtools: Devtools,
+}
+
 /// An open page.
-pub struct Tab(pub Page);
+pub struct Tab(Devtools);
 
 impl Tab {
     /// Opens a page in a window of its own: one that lies behind another is not drawn.
     pub async fn open(browser: &Browser, address: &str) -> Self {
-        let window = CreateTargetParams::builder().url(address).new_window(true).build().unwrap();
-        Self(browser.new_page(window).await.unwrap())
+        let window = json!({"url": address, "newWindow": true});
+        let opened = browser.devtools.call("Target.createTarget", window).await.unwrap();
+        let target = opened["targetId"].as_str().unwrap();
+        let page = format!("ws://{}/devtools/page/{target}", browser.host);
+        let tab = Self(Devtools::connect(&page).await);
+        let loaded = "document.readyState === 'complete' && location.href !== 'about:blank'";
+        tab.wait(LOADED, loaded).await;
+        tab
     }
 
     /// The value of an expression.
     pub async fn value<T: DeserializeOwned>(&self, expression: &str) -> T {
-        let result = self.0.evaluate(expression.to_owned()).await;
-        result.unwrap_or_else(|error| panic!("{expression}: {error}")).into_value().unwrap()
+        let value = self.0.evaluate(expression).await;
+        let value = value.unwrap_or_else(|error| panic!("{expression}: {error}"));
+        serde_json::from_value(value).unwrap_or_else(|error| panic!("{expression}: {error}"))
     }
 
     /// The text of an element.
@@ -126,8 +139,8 @@ impl Tab {
         let begun = Instant::now();
         while begun.elapsed() < limit {
             // A page that is being loaded has nothing to evaluate in.
-            let holds = self.0.evaluate(format!("Boolean({expression})")).await;
-            if holds.is_ok_and(|holds| holds.into_value().unwrap_or(false)) {
+            let holds = self.0.evaluate(&format!("Boolean({expression})")).await;
+            if holds == Ok(Value::Bool(true)) {
                 return true;
             }
             tokio::time::sleep(POLL).await;
@@ -147,17 +160,50 @@ impl Tab {
     pub async fn click(&self, selector: &str) {
         let active = format!("!document.querySelector({selector:?}).disabled");
         self.wait(Duration::from_secs(10), &active).await;
-        self.0.find_element(selector).await.unwrap().click().await.unwrap();
+        let middle = format!(
+            "(() => {{ const element = document.querySelector({selector:?}); \
+             element.scrollIntoView({{ block: 'center', behavior: 'instant' }}); \
+             const at = element.getBoundingClientRect(); \
+             return [at.x + at.width / 2, at.y + at.height / 2]; }})()"
+        );
+        let (x, y): (f64, f64) = self.value(&middle).await;
+        for kind in ["mouseMoved", "mousePressed", "mouseReleased"] {
+            let button = if kind == "mouseMoved" { "none" } else { "left" };
+            let event = json!({"type": kind, "x": x, "y": y, "button": button, "clickCount": 1});
+            self.0.call("Input.dispatchMouseEvent", event).await.unwrap();
+        }
+    }
+
+    /// Puts the cursor into a field.
+    pub async fn focus(&self, selector: &str) {
+        self.value::<bool>(&format!("(document.querySelector({selector:?}).focus(), true)")).await;
+    }
+
+    /// Presses a key and lets it go: `Escape`, `Delete` or a digit.
+    pub async fn press(&self, key: &str) {
+        let (code, number, text) = match key {
+            "Escape" => (key.to_owned(), 27, ""),
+            "Delete" => (key.to_owned(), 46, ""),
+            // The codes of the digits are those of ASCII.
+            digit => (format!("Digit{digit}"), u32::from(digit.as_bytes()[0]), digit),
+        };
+        for kind in ["keyDown", "keyUp"] {
+            let mut event =
+                json!({"type": kind, "key": key, "code": code, "windowsVirtualKeyCode": number});
+            if kind == "keyDown" && !text.is_empty() {
+                event["text"] = json!(text);
+            }
+            self.0.call("Input.dispatchKeyEvent", event).await.unwrap();
+        }
     }
 
     /// Types into a field in place of what it holds.
     pub async fn fill(&self, selector: &str, text: &str) {
-        let field = self.0.find_element(selector).await.unwrap();
+        self.focus(selector).await;
         self.value::<bool>(&format!("(document.querySelector({selector:?}).select(), true)")).await;
-        field.focus().await.unwrap();
         match text {
-            "" => drop(field.press_key("Delete").await.unwrap()),
-            text => drop(self.0.execute(InsertTextParams::new(text)).await.unwrap()),
+            "" => self.press("Delete").await,
+            text => drop(self.0.call("Input.insertText", json!({"text": text})).await.unwrap()),
         }
     }
 
@@ -165,7 +211,8 @@ impl Tab {
     pub async fn picture(&self, name: &str) {
         let Some(folder) = std::env::var_os("FARREACH_SCREENSHOTS") else { return };
         let path = Path::new(&folder).join(format!("{name}.png"));
-        let parameters = ScreenshotParams::builder().format(CaptureScreenshotFormat::Png).build();
-        self.0.save_screenshot(parameters, path).await.unwrap();
+        let drawn = self.0.call("Page.captureScreenshot", json!({"format": "png"})).await.unwrap();
+        std::fs::write(path, BASE64.decode(drawn["data"].as_str().unwrap().as_bytes()).unwrap())
+            .unwrap();
     }
 }

@@ -11,7 +11,7 @@ use std::path::Path;
 
 use common::{command, fill, sample, start, write_file};
 use ipc_types::{COMMAND, Event, EventKind, Message, Process, SAMPLE, Severity, event_topic};
-use mcap::records::MessageHeader;
+use mcap::records::{MessageHeader, op};
 use proptest::prelude::*;
 use recording::mcap_edit::rewrite;
 use recording::mcap_read::Recording;
@@ -99,28 +99,113 @@ fn only_a_whole_file_tells_its_contents_without_being_read() {
     assert_eq!(open(&damaged).contents().unwrap(), None);
 }
 
+/// Where the footer begins, which is followed by the end mark. Behind its opcode and its length it
+/// has where the summary begins, where the offsets of its groups begin, and the summary's checksum.
+fn footer_of(bytes: &[u8]) -> usize {
+    bytes.len() - mcap::MAGIC.len() - 29
+}
+
+/// A little-endian word.
+fn word(bytes: &[u8], at: usize) -> u64 {
+    u64::from_le_bytes(bytes[at..at + 8].try_into().unwrap())
+}
+
+/// Says in the footer that the summary begins at `begin`, and makes its checksum right.
+fn seal(bytes: &mut [u8], begin: usize) {
+    let footer = footer_of(bytes);
+    bytes[footer + 9..footer + 17].copy_from_slice(&(begin as u64).to_le_bytes());
+    let sum = crc32fast::hash(&bytes[begin..footer + 25]);
+    bytes[footer + 25..footer + 29].copy_from_slice(&sum.to_le_bytes());
+}
+
+/// The file with the records of its summary (opcode, content) changed, and the right checksum.
+fn with_summary(whole: &[u8], mut change: impl FnMut(u8, &mut Vec<u8>)) -> Vec<u8> {
+    let footer = footer_of(whole);
+    let begin = word(whole, footer + 9) as usize;
+    let (mut bytes, mut at) = (whole[..begin].to_vec(), begin);
+    while at < footer {
+        let content = at + 9..at + 9 + word(whole, at + 1) as usize;
+        let (opcode, mut record) = (whole[at], whole[content.clone()].to_vec());
+        change(opcode, &mut record);
+        bytes.push(opcode);
+        bytes.extend((record.len() as u64).to_le_bytes());
+        bytes.extend(record);
+        at = content.end;
+    }
+    bytes.extend(&whole[footer..]);
+    seal(&mut bytes, begin);
+    bytes
+}
+
+fn opened(dir: &Path, bytes: &[u8]) -> Recording {
+    let path = dir.join("altered.mcap");
+    fs::write(&path, bytes).unwrap();
+    Recording::open(&path).unwrap()
+}
+
+/// What a check of these bytes finds damaged.
+fn damage(dir: &Path, bytes: &[u8]) -> Vec<String> {
+    let check = opened(dir, bytes).check().unwrap();
+    check.damage.into_iter().map(|damage| damage.what).collect()
+}
+
 #[test]
 fn a_summary_that_counts_wrongly_is_damage() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("run.mcap");
     write_file(&path, 400);
-    let mut bytes = fs::read(&path).unwrap();
-    let footer = bytes.len() - 8 - 29;
-    let word = |bytes: &[u8], at: usize| u64::from_le_bytes(bytes[at..at + 8].try_into().unwrap());
-    let begin = word(&bytes, footer + 9) as usize;
-    let mut at = begin;
-    while bytes[at] != mcap::records::op::STATISTICS {
-        at += 9 + word(&bytes, at + 1) as usize;
-    }
-    // Of the last channel that is counted, one more; and the right checksum.
-    let counted = at + 9 + word(&bytes, at + 1) as usize - 8;
-    bytes[counted] += 1;
-    let sum = crc32fast::hash(&bytes[begin..footer + 9 + 16]).to_le_bytes();
-    bytes[footer + 9 + 16..footer + 9 + 20].copy_from_slice(&sum);
-    fs::write(&path, &bytes).unwrap();
-    let check = Recording::open(&path).unwrap().check().unwrap();
-    let told: Vec<&str> = check.damage.iter().map(|damage| damage.what.as_str()).collect();
+    // Of the last channel that is counted, one more.
+    let bytes = with_summary(&fs::read(&path).unwrap(), |opcode, record| {
+        if opcode == op::STATISTICS {
+            let counted = record.len() - 8;
+            record[counted] += 1;
+        }
+    });
+    let told = damage(dir.path(), &bytes);
     assert!(told.len() == 1 && told[0].starts_with("the summary counts "), "{told:?}");
+}
+
+#[test]
+fn where_a_summary_does_not_say_what_is_in_a_chunk_the_file_is_read() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("run.mcap");
+    write_file(&path, 4000);
+    let whole = fs::read(&path).unwrap();
+    // The first chunk with messages: behind four words come the length of the list of its channels
+    // and the list.
+    let mut emptied = 0;
+    let bytes = with_summary(&whole, |opcode, record| {
+        if opcode == op::CHUNK_INDEX && word(record, 0) > 0 && emptied == 0 {
+            let listed = u32::from_le_bytes(record[32..36].try_into().unwrap()) as usize;
+            record.splice(32..36 + listed, [0; 4]);
+            emptied = listed;
+        }
+    });
+    assert!(emptied > 0);
+    let recording = opened(dir.path(), &bytes);
+    assert_eq!(recording.contents().unwrap(), None);
+    let contents = Recording::open(&path).unwrap().contents().unwrap();
+    assert_eq!(Some(recording.contents_or_check().unwrap()), contents);
+}
+
+#[test]
+fn a_footer_may_leave_the_checksum_out_and_must_say_where_the_summary_begins() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("run.mcap");
+    write_file(&path, 400);
+    let whole = fs::read(&path).unwrap();
+    let footer = footer_of(&whole);
+    let mut unchecked = whole.clone();
+    unchecked[footer + 25..footer + 29].fill(0);
+    assert_eq!(damage(dir.path(), &unchecked), Vec::<String>::new());
+    // An empty summary.
+    let mut empty = whole.clone();
+    seal(&mut empty, footer);
+    assert_eq!(damage(dir.path(), &empty), Vec::<String>::new());
+    let mut behind = whole.clone();
+    seal(&mut behind, footer + 1);
+    let told = damage(dir.path(), &behind);
+    assert!(told.len() == 1 && told[0].contains("begins behind it"), "{told:?}");
 }
 
 #[test]

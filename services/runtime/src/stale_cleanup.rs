@@ -12,7 +12,7 @@ use rustix::process::{Pid, test_kill_process};
 use crate::clock::{MILLISECOND_NS, SECOND_NS, now_ns};
 use crate::shared_memory::SHARED_MEMORY;
 
-fn ignore_missing(result: io::Result<()>) -> io::Result<()> {
+pub(crate) fn ignore_missing(result: io::Result<()>) -> io::Result<()> {
     match result {
         Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(()),
         other => other,

@@ -107,9 +107,20 @@ impl RigName {
         let free = keeper.try_exclusive()? && alive.try_exclusive()?;
         if free {
             stale_cleanup::segments(&self.segment_prefix()).map_err(at("cleaning", &directory))?;
-            fs::remove_dir_all(&directory).map_err(at("removing", &directory))?;
+            self.remove_directory().map_err(at("removing", &directory))?;
         }
         Ok(free)
+    }
+
+    /// Removes the directory. It first gets another name: whoever looks for the rig meanwhile (an
+    /// open probe) opens lock files by path, which would make a directory that is being emptied
+    /// non-empty again.
+    fn remove_directory(&self) -> io::Result<()> {
+        let aside = Path::new(SHARED_MEMORY).join(self.segment_prefix() + "removed");
+        // Of a process that was killed here.
+        stale_cleanup::ignore_missing(fs::remove_dir_all(&aside))?;
+        fs::rename(self.directory(), &aside)?;
+        fs::remove_dir_all(&aside)
     }
 }
 
@@ -121,6 +132,9 @@ impl std::fmt::Display for RigName {
 
 #[cfg(test)]
 mod tests {
+    use std::sync::atomic::AtomicBool;
+    use std::sync::atomic::Ordering::Relaxed;
+
     use super::*;
 
     #[test]
@@ -133,6 +147,31 @@ mod tests {
         {
             assert!(matches!(bad.parse::<RigName>(), Err(DomainError::Name(_))), "{bad}");
         }
+    }
+
+    #[test]
+    fn a_directory_is_removed_while_others_open_files_in_it() {
+        let name: RigName = format!("removed-{}", std::process::id()).parse().unwrap();
+        let alive = name.directory().join(ALIVE_LOCK);
+        let ended = AtomicBool::new(false);
+        std::thread::scope(|scope| {
+            scope.spawn(|| {
+                while !ended.load(Relaxed) {
+                    let _opened = LockFile::open(alive.clone());
+                }
+            });
+            let outcomes: Vec<_> = (0..300)
+                .map(|_| {
+                    name.make_directory()?;
+                    name.remove_directory().map_err(at("removing", &name.directory()))
+                })
+                .collect();
+            ended.store(true, Relaxed);
+            for outcome in outcomes {
+                outcome.unwrap();
+            }
+        });
+        assert!(!name.directory().exists());
     }
 
     #[test]
