@@ -235,7 +235,10 @@ impl<'a> Disk<'a> {
                 let path = writer.path().to_owned();
                 self.writer = Some(writer);
                 self.state = StartRequest { part, ..request };
-                self.ring = Ring::of(&self.state, self.now_ns());
+                let now_ns = self.now_ns();
+                self.ring = Ring::of(&self.state, now_ns);
+                // A logger that dies again and again may never end a part.
+                self.ring.remove_old(&mut self.state, now_ns);
                 self.save_state();
                 self.report(Outcome::Started { path, ring: self.ring.parts(&self.state) });
             }
