@@ -320,7 +320,8 @@ impl RecorderFrontEnd {
                 }
                 self.split_again_ns = 0;
             }
-            Outcome::NotSplit { error } => {
+            Outcome::NotSplit { error, ring } => {
+                self.ring.clone_from(ring);
                 let asked_ns = self.splitting_ns.take().unwrap_or(0);
                 self.split_again_ns = asked_ns.saturating_add(SPLIT_AGAIN_NS);
                 self.error.clone_from(error);

@@ -205,6 +205,8 @@ pub enum Outcome {
     NotSplit {
         /// Why.
         error: String,
+        /// Of a ring, its parts.
+        ring: RingParts,
     },
     /// The file could not be created; nothing is being recorded.
     NotStarted {

@@ -277,6 +277,8 @@ impl<'a> Disk<'a> {
         if self.writer.is_none() {
             return;
         }
+        // Before the next file is created, for which there may be no room otherwise.
+        let removed = self.ring.remove_old(&mut self.state, at_ns);
         let mut request = self.state.clone();
         request.part += 1;
         request.metadata.extend(metadata);
@@ -285,11 +287,7 @@ impl<'a> Disk<'a> {
         request.continues = newest.collect::<Positions>();
         let (part, writer) = match self.open(&request, at_ns) {
             Ok(opened) => opened,
-            Err(error) => {
-                return self.report(Outcome::NotSplit {
-                    error: format!("the next part cannot be begun, and this one goes on: {error}"),
-                });
-            }
+            Err(error) => return self.not_split(&error, removed),
         };
         let path = writer.path().to_owned();
         let Some(mut ended) = self.writer.replace(writer) else { return };
@@ -312,6 +310,16 @@ impl<'a> Disk<'a> {
         self.state = StartRequest { part, ..request };
         self.save_state();
         self.report(Outcome::NextPart { path, ended, ring: self.ring.parts(&self.state) });
+    }
+
+    /// Tells that the next part could not be begun, for which old ones may have been `removed`.
+    fn not_split(&self, error: &WriteError, removed: bool) {
+        // Their names may be somebody's from now on.
+        if removed {
+            self.save_state();
+        }
+        let error = format!("the next part cannot be begun, and this one goes on: {error}");
+        self.report(Outcome::NotSplit { error, ring: self.ring.parts(&self.state) });
     }
 
     /// Writes the run into the file behind everything that was pushed before.

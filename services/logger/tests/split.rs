@@ -234,7 +234,7 @@ fn a_recording_goes_on_where_the_next_part_cannot_be_begun() {
     assert!(recorder.split_due());
     recorder.split(BTreeMap::new()).unwrap();
     push(&mut recorder, 4_000..5_000);
-    let Outcome::NotSplit { error } = outcome(&mut recorder) else { panic!() };
+    let Outcome::NotSplit { error, .. } = outcome(&mut recorder) else { panic!() };
     assert!(error.contains("run.part2.mcap") && error.contains("goes on"), "{error}");
     assert_eq!(recorder.status().error, error);
     assert!(recorder.recording());
@@ -255,6 +255,51 @@ fn a_recording_goes_on_where_the_next_part_cannot_be_begun() {
     assert_eq!(sequences(&part_path(&path, 2)), (24_000..25_000).collect::<Vec<_>>());
     assert_eq!(end_of(&path, "sample.received"), 24_000, "of the part that went on");
     assert_eq!(recorder.status().lost, 0);
+}
+
+/// A ring of 2 s in parts of 1 s.
+fn ring() -> Split {
+    Split { every_ns: Some(SECOND_NS), keep_ns: Some(2 * SECOND_NS), every_bytes: None }
+}
+
+#[test]
+fn a_ring_that_fills_its_disk_goes_on_as_its_oldest_parts_go() {
+    let (folder, states) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    let path = folder.path().join("ring.mcap");
+    let parts = |folder: &Path| folder.read_dir().unwrap().count();
+    // Room for what a ring holds between two parts, and the next one.
+    let opener: Opener =
+        Box::new(move |path: &Path, start: &Start, now_ns| match parts(path.parent().unwrap()) {
+            0..5 => Writer::create(path, start, now_ns),
+            _ => Err(WriteError::DiskFull { path: path.to_owned(), refused: 0 }),
+        });
+    let keep = Some(states.path().to_owned());
+    let mut recorder = RecorderFrontEnd::with(keep, QUEUE_BYTES, opener).unwrap();
+    recorder.tick(SECOND_NS);
+    recorder.start(request(&path, ring())).unwrap();
+    assert!(matches!(outcome(&mut recorder), Outcome::Started { .. }));
+    for second in 2..20 {
+        recorder.tick(second * SECOND_NS);
+        recorder.split(BTreeMap::new()).unwrap();
+        let next = outcome(&mut recorder);
+        assert!(matches!(next, Outcome::NextPart { ended: Ok(_), .. }), "{second} s: {next:?}");
+    }
+    let kept = state::load(states.path(), 5).unwrap().unwrap();
+    let ended = [15_u64, 16, 17, 18].map(|part| (part as u32, (part + 1) * SECOND_NS));
+    assert_eq!(kept.ring_parts, ended);
+
+    // Somebody else's data fill it: the oldest go still, and what is kept of the ring is told.
+    for number in 0..5 {
+        std::fs::write(folder.path().join(number.to_string()), "somebody's").unwrap();
+    }
+    recorder.tick(30 * SECOND_NS);
+    recorder.split(BTreeMap::new()).unwrap();
+    let Outcome::NotSplit { error, ring } = outcome(&mut recorder) else { panic!() };
+    assert!(error.contains("ring.part20.mcap") && error.contains("the disk is full"), "{error}");
+    assert_eq!((ring.numbers, ring.removed), (vec![19], 18));
+    assert_eq!(recorder.status().ring.unwrap().parts, [19]);
+    let kept = state::load(states.path(), 5).unwrap().unwrap();
+    assert_eq!((kept.part, kept.ring_parts), (19, vec![]));
 }
 
 #[test]
