@@ -19,8 +19,8 @@ use crate::writer_queue::{Command, NextPart, Outcome, QueueReceiver, Shared};
 const IDLE: Duration = Duration::from_millis(5);
 /// Messages written between two checks of the time and the commands.
 const BATCH: usize = 512;
-/// Most parts of one recording.
-const PARTS_MAX: u32 = 10_000;
+/// Most numbers of parts that are passed over, because there are files of these names.
+const PASSED_OVER_MAX: u32 = 10_000;
 
 /// Opens the file of a recording; replaced in tests.
 pub type Opener = Box<dyn Fn(&Path, &Start, u64) -> Result<Writer, WriteError> + Send>;
@@ -250,6 +250,7 @@ impl<'a> Disk<'a> {
     /// somebody's data. A later one gets the next free number, which is returned.
     fn open(&self, request: &StartRequest, now_ns: u64) -> Result<(u32, Writer), WriteError> {
         let mut part = request.part.max(1);
+        let last = part.saturating_add(PASSED_OVER_MAX);
         loop {
             let path = recording::part_path(&request.path, part);
             let start = Start {
@@ -260,7 +261,7 @@ impl<'a> Disk<'a> {
             }
             .with(key::PART, &part.to_string());
             match (self.opener)(&path, &start, now_ns) {
-                Err(WriteError::Exists { .. }) if part > 1 && part < PARTS_MAX => part += 1,
+                Err(WriteError::Exists { .. }) if part > 1 && part < last => part += 1,
                 opened => return opened.map(|writer| (part, writer)),
             }
         }

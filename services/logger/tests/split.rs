@@ -257,6 +257,25 @@ fn a_recording_goes_on_where_the_next_part_cannot_be_begun() {
     assert_eq!(recorder.status().lost, 0);
 }
 
+#[test]
+fn a_recording_may_have_any_number_of_parts_and_passes_over_so_many_names() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("run.mcap");
+    std::fs::write(part_path(&path, 20_000), "somebody's").unwrap();
+    let mut recorder = RecorderFrontEnd::new(None).unwrap();
+    recorder.start(StartRequest { part: 20_000, ..request(&path, Split::default()) }).unwrap();
+    let Outcome::Started { path: begun, .. } = outcome(&mut recorder) else { panic!() };
+    assert_eq!(begun, part_path(&path, 20_001));
+
+    let opener: Opener = Box::new(|path: &Path, _: &Start, _: u64| {
+        Err(WriteError::Exists { path: path.to_owned() })
+    });
+    let mut recorder = RecorderFrontEnd::with(None, ROOM, opener).unwrap();
+    recorder.start(StartRequest { part: 2, ..request(&path, Split::default()) }).unwrap();
+    let Outcome::NotStarted { error } = outcome(&mut recorder) else { panic!() };
+    assert!(error.contains("run.part10002.mcap"), "{error}");
+}
+
 /// A ring of 2 s in parts of 1 s.
 fn ring() -> Split {
     Split { every_ns: Some(SECOND_NS), keep_ns: Some(2 * SECOND_NS), every_bytes: None }
