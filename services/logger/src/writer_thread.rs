@@ -319,7 +319,11 @@ impl<'a> Disk<'a> {
         if removed {
             self.save_state();
         }
-        let error = format!("the next part cannot be begun, and this one goes on: {error}");
+        let present = match self.writer.as_ref().and_then(Writer::error) {
+            None => "this one goes on".to_owned(),
+            Some(cause) => format!("this one takes nothing any more ({cause})"),
+        };
+        let error = format!("the next part cannot be begun, and {present}: {error}");
         self.report(Outcome::NotSplit { error, ring: self.ring.parts(&self.state) });
     }
 

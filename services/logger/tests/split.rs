@@ -2,6 +2,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 use std::collections::BTreeMap;
+use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -12,7 +13,7 @@ use logger::recorder_front_end::{Outcome, RecorderError, RecorderFrontEnd, Start
 use logger::{Opener, QUEUE_BYTES, QUEUE_HEADER_BYTES, state};
 use recording::mcap_edit::{check_one_session, rewrite};
 use recording::mcap_read::Recording;
-use recording::mcap_write::{Start, WriteError, Writer, key};
+use recording::mcap_write::{Output, Start, WriteError, Writer, key};
 use recording::part_path;
 
 /// Far beyond anything that a working machine needs; it only keeps a broken test from hanging.
@@ -319,6 +320,70 @@ fn a_ring_that_fills_its_disk_goes_on_as_its_oldest_parts_go() {
     assert_eq!(recorder.status().ring.unwrap().parts, [19]);
     let kept = state::load(states.path(), 5).unwrap().unwrap();
     assert_eq!((kept.part, kept.ring_parts), (19, vec![]));
+}
+
+/// A disk with room for so many bytes.
+struct Small(usize);
+
+impl Write for Small {
+    fn write(&mut self, data: &[u8]) -> io::Result<usize> {
+        self.0 = self.0.checked_sub(data.len()).ok_or(io::ErrorKind::StorageFull)?;
+        Ok(data.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+impl Output for Small {
+    fn sync(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+#[test]
+fn a_part_that_failed_is_told_and_the_next_one_takes_messages_again() {
+    let full = Arc::new(AtomicBool::new(true));
+    let no_room = Arc::clone(&full);
+    let opener: Opener = Box::new(move |path: &Path, start: &Start, now_ns| {
+        if path.ends_with("ring.mcap") {
+            return Writer::to_output(Box::new(Small(60_000)), path, start, now_ns);
+        }
+        if no_room.load(Ordering::SeqCst) {
+            return Err(WriteError::DiskFull { path: path.to_owned(), refused: 0 });
+        }
+        Writer::to_output(Box::new(Small(usize::MAX)), path, start, now_ns)
+    });
+    let mut recorder = RecorderFrontEnd::with(None, QUEUE_BYTES, opener).unwrap();
+    let every = Some(1_000 * SECOND_NS);
+    let ring = Split { every_ns: every, keep_ns: every, every_bytes: None };
+    recorder.start(request(Path::new("/x/ring.mcap"), ring)).unwrap();
+    assert!(matches!(outcome(&mut recorder), Outcome::Started { .. }));
+    let mut sent = 0;
+    let failed = loop {
+        push(&mut recorder, sent..sent + 500);
+        sent += 500;
+        recorder.tick(sent * SAMPLE_NS);
+        if let Some(outcome) = recorder.wait(Duration::from_millis(20)) {
+            break outcome;
+        }
+        assert!(sent < 90_000, "the disk never was full");
+    };
+    assert!(matches!(failed, Outcome::Failed { .. }), "{failed:?}");
+    recorder.split(BTreeMap::new()).unwrap();
+    let Outcome::NotSplit { error, .. } = outcome(&mut recorder) else { panic!() };
+    assert!(error.contains("this one takes nothing any more (the disk is full)"), "{error}");
+    full.store(false, Ordering::SeqCst);
+    recorder.split(BTreeMap::new()).unwrap();
+    let Outcome::NextPart { ended, ring, .. } = outcome(&mut recorder) else { panic!() };
+    assert!(ended.unwrap_err().contains("the disk is full"));
+    assert_eq!(ring.numbers, [1, 2]);
+    let lost = recorder.status().lost;
+    push(&mut recorder, sent..sent + 100);
+    recorder.stop().unwrap();
+    let Outcome::Stopped(last) = outcome(&mut recorder) else { panic!() };
+    assert_eq!((last.written, recorder.status().lost), (125, lost));
 }
 
 #[test]
