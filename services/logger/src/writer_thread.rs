@@ -294,6 +294,7 @@ impl<'a> Disk<'a> {
         let Some(mut ended) = self.writer.replace(writer) else { return };
         // The counters must hold what the last flush refuses; `finish` returns its error.
         let _ = ended.flush();
+        let flushed_bytes = ended.bytes();
         for (topic, parts) in self.parts.iter_mut().enumerate() {
             parts.written += ended.written_of(topic);
             parts.refused += ended.refused_of(topic);
@@ -306,7 +307,7 @@ impl<'a> Disk<'a> {
         }
         self.publish_all();
         self.end.shared.part_bytes.store(0, Ordering::Relaxed);
-        let bytes = ended.as_ref().map_or(0, |summary| summary.bytes);
+        let bytes = ended.as_ref().map_or(flushed_bytes, |summary| summary.bytes);
         self.ring.end_part(&mut request, self.state.part, at_ns, bytes);
         self.state = StartRequest { part, ..request };
         self.save_state();

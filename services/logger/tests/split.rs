@@ -379,6 +379,7 @@ fn a_part_that_failed_is_told_and_the_next_one_takes_messages_again() {
     let Outcome::NextPart { ended, ring, .. } = outcome(&mut recorder) else { panic!() };
     assert!(ended.unwrap_err().contains("the disk is full"));
     assert_eq!(ring.numbers, [1, 2]);
+    assert!(ring.bytes > 10_000, "{ring:?}: what it holds of its first part counts");
     let lost = recorder.status().lost;
     push(&mut recorder, sent..sent + 100);
     recorder.stop().unwrap();
