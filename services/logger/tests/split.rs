@@ -358,8 +358,10 @@ fn a_part_that_failed_is_told_and_the_next_one_takes_messages_again() {
     let mut recorder = RecorderFrontEnd::with(None, QUEUE_BYTES, opener).unwrap();
     let every = Some(1_000 * SECOND_NS);
     let ring = Split { every_ns: every, keep_ns: every, every_bytes: None };
+    assert!(!recorder.writing());
     recorder.start(request(Path::new("/x/ring.mcap"), ring)).unwrap();
     assert!(matches!(outcome(&mut recorder), Outcome::Started { .. }));
+    assert!(recorder.writing());
     let mut sent = 0;
     let failed = loop {
         push(&mut recorder, sent..sent + 500);
@@ -374,15 +376,18 @@ fn a_part_that_failed_is_told_and_the_next_one_takes_messages_again() {
     recorder.split(BTreeMap::new()).unwrap();
     let Outcome::NotSplit { error, .. } = outcome(&mut recorder) else { panic!() };
     assert!(error.contains("this one takes nothing any more (the disk is full)"), "{error}");
+    assert!(!recorder.writing());
     full.store(false, Ordering::SeqCst);
     recorder.split(BTreeMap::new()).unwrap();
     let Outcome::NextPart { ended, ring, .. } = outcome(&mut recorder) else { panic!() };
     assert!(ended.unwrap_err().contains("the disk is full"));
+    assert!(recorder.writing());
     assert_eq!(ring.numbers, [1, 2]);
     assert!(ring.bytes > 10_000, "{ring:?}: what it holds of its first part counts");
     let lost = recorder.status().lost;
     push(&mut recorder, sent..sent + 100);
     recorder.stop().unwrap();
+    assert!(!recorder.writing());
     let Outcome::Stopped(last) = outcome(&mut recorder) else { panic!() };
     assert_eq!((last.written, recorder.status().lost), (125, lost));
 }
