@@ -9,14 +9,14 @@ use std::time::Duration;
 use anyhow::bail;
 use clap::{Args, ValueEnum};
 use ipc_types::{EnableToken, LoggerRequest, RingStatus, TOKEN, WatchdogState};
-use recorder::Part;
+use recorder::{Copied, Part};
 use runtime::RigName;
 use runtime::clock::{SECOND_NS, now_ns};
 use serde_json::json;
 
 use super::actions::{accepted, link};
 use super::{OutputFormat, print};
-use crate::{DONE, Error, RigLink};
+use crate::{DATA_LOST, DONE, Error, RigLink};
 
 /// How often the parts of the ring are taken hold of: more often than any is removed.
 const HOLD: Duration = Duration::from_millis(300);
@@ -80,7 +80,7 @@ impl Held {
     }
 }
 
-/// Writes a snapshot, and prints what is in it.
+/// Writes a snapshot, and prints what is in it. The exit code says whether messages are missing.
 ///
 /// # Errors
 /// Where there is no ring, or the file cannot be written.
@@ -119,7 +119,8 @@ pub(super) fn snapshot(rig_name: &RigName, arguments: &SnapshotArguments) -> any
     let cause = on.map_or("command", |Trigger::Trip| "trip");
     let notes = [("trigger", cause.to_owned()), ("trigger_ns", at_ns.to_string())];
     let notes = notes.map(|(key, value)| (key.to_owned(), value)).into();
-    let (messages, found) = recorder::copy_interval(&held.ended(&ring), times_ns, notes, file)?;
+    let Copied { messages, times_ns: found, lost } =
+        recorder::copy_interval(&held.ended(&ring), times_ns, notes, file)?;
     let [before_s, after_s] = [at_ns as f64 - found.start as f64, found.end as f64 - at_ns as f64]
         .map(|ns| ns / SECOND_NS as f64);
     let value = json!({
@@ -129,13 +130,17 @@ pub(super) fn snapshot(rig_name: &RigName, arguments: &SnapshotArguments) -> any
         "after_s": after_s,
         "trigger": cause,
         "trigger_ns": at_ns,
+        "data_lost": lost,
     });
     let text = format!(
         "{}: {messages} messages, from {before_s:.3} s before to {after_s:.3} s after",
         file.display()
     );
     print(*json, value, &text)?;
-    Ok(DONE)
+    if lost {
+        eprintln!("farreach: messages are missing in it: `rec verify` tells which");
+    }
+    Ok(if lost { DATA_LOST } else { DONE })
 }
 
 fn no_ring() -> Error {
