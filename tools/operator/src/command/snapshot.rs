@@ -6,7 +6,7 @@ use std::os::fd::AsRawFd;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use anyhow::bail;
+use anyhow::{Context, bail};
 use clap::{Args, ValueEnum};
 use ipc_types::{EnableToken, LoggerRequest, RingStatus, TOKEN, WatchdogState};
 use recorder::{Copied, Part};
@@ -86,9 +86,7 @@ impl Held {
 /// Where there is no ring, or the file cannot be written.
 pub(super) fn snapshot(rig_name: &RigName, arguments: &SnapshotArguments) -> anyhow::Result<i32> {
     let SnapshotArguments { file, before, after, on, json: OutputFormat { json } } = arguments;
-    if file.symlink_metadata().is_ok() {
-        bail!("{}: it is there already; recordings are never overwritten", file.display());
-    }
+    check_creatable(file)?;
     let link = link(rig_name)?;
     let length = Duration::from_nanos(ring(&link)?.keep_ns);
     let before = before.unwrap_or(length);
@@ -141,6 +139,15 @@ pub(super) fn snapshot(rig_name: &RigName, arguments: &SnapshotArguments) -> any
         eprintln!("farreach: messages are missing in it: `rec verify` tells which");
     }
     Ok(if lost { DATA_LOST } else { DONE })
+}
+
+/// Refuses a file that is there, or cannot be created: before anything is waited for.
+fn check_creatable(file: &Path) -> anyhow::Result<()> {
+    if file.symlink_metadata().is_ok() {
+        bail!("{}: it is there already; recordings are never overwritten", file.display());
+    }
+    let tried = files::written(file, b"");
+    tried.map(drop).with_context(|| format!("{}: cannot create", file.display()))
 }
 
 fn no_ring() -> Error {
@@ -199,6 +206,20 @@ mod tests {
                 .collect();
         let expected = [false, false, false, false, false, true, false, false, true];
         assert_eq!(seen, expected);
+    }
+
+    #[test]
+    fn a_file_that_cannot_be_created_is_told_before_anything_is_waited_for() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("trip.mcap");
+        check_creatable(&path).unwrap();
+        assert_eq!(folder.path().read_dir().unwrap().count(), 0, "nothing is left of the attempt");
+        let absent = folder.path().join("absent").join("trip.mcap");
+        let error = format!("{:#}", check_creatable(&absent).unwrap_err());
+        assert!(error.contains("absent/trip.mcap: cannot create: "), "{error}");
+        std::fs::write(&path, "somebody's").unwrap();
+        let error = check_creatable(&path).unwrap_err().to_string();
+        assert!(error.contains("never overwritten"), "{error}");
     }
 
     #[test]
