@@ -90,9 +90,7 @@ pub(super) fn snapshot(rig_name: &RigName, arguments: &SnapshotArguments) -> any
     let link = link(rig_name)?;
     let length = Duration::from_nanos(ring(&link)?.keep_ns);
     let before = before.unwrap_or(length);
-    if before > length {
-        bail!("--before {before:?}: expected at most {length:?}, which is what the ring keeps");
-    }
+    check_times(before, *after, length)?;
     let at_ns = match on {
         None => now_ns(),
         Some(Trigger::Trip) => trip(&link)?,
@@ -148,6 +146,18 @@ fn check_creatable(file: &Path) -> anyhow::Result<()> {
     }
     let tried = files::written(file, b"");
     tried.map(drop).with_context(|| format!("{}: cannot create", file.display()))
+}
+
+/// Refuses more than the ring keeps. Parts that are held take space although the ring has removed
+/// them, and whoever set its length counted on that.
+fn check_times(before: Duration, after: Duration, length: Duration) -> anyhow::Result<()> {
+    if before > length {
+        bail!("--before {before:?}: expected at most {length:?}, which is what the ring keeps");
+    }
+    if after > length {
+        bail!("--after {after:?}: expected at most {length:?}, the length of the ring");
+    }
+    Ok(())
 }
 
 fn no_ring() -> Error {
@@ -220,6 +230,18 @@ mod tests {
         std::fs::write(&path, "somebody's").unwrap();
         let error = check_creatable(&path).unwrap_err().to_string();
         assert!(error.contains("never overwritten"), "{error}");
+    }
+
+    #[test]
+    fn no_more_than_the_ring_keeps_is_asked_for() {
+        let of = |before, after| {
+            let [before, after, length] = [before, after, 30].map(Duration::from_secs);
+            check_times(before, after, length).map_err(|error| error.to_string())
+        };
+        assert_eq!(of(30, 30), Ok(()));
+        assert_eq!(of(0, 0), Ok(()));
+        assert!(of(31, 5).unwrap_err().starts_with("--before 31s: expected at most 30s"));
+        assert!(of(5, 31).unwrap_err().starts_with("--after 31s: expected at most 30s"));
     }
 
     #[test]
