@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::fs::File;
 use std::os::fd::AsRawFd;
 use std::path::{Path, PathBuf};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use anyhow::{Context, bail};
 use clap::{Args, ValueEnum};
@@ -174,10 +174,19 @@ fn trip(link: &RigLink) -> Result<u64, Error> {
     eprintln!("farreach: waiting for a trip; Ctrl-C ends it");
     let mut tokens = link.subscriber::<EnableToken>(TOKEN)?;
     let mut trips = Trips::default();
+    let mut looked = Instant::now();
     loop {
         while let Some(token) = tokens.take()? {
             if trips.see(&token) {
                 return Ok(token.time_ns);
+            }
+        }
+        // Nothing comes of a session that is over, and no error either.
+        if looked.elapsed() > HOLD {
+            looked = Instant::now();
+            let domain = link.domain();
+            if !domain.is_current() {
+                return Err(Error::NotUp(domain.name().to_string()));
             }
         }
         std::thread::sleep(LOOK);
