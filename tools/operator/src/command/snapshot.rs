@@ -10,8 +10,8 @@ use anyhow::{Context, bail};
 use clap::{Args, ValueEnum};
 use ipc_types::{EnableToken, LoggerRequest, RingStatus, TOKEN, WatchdogState};
 use recorder::{Copied, Part};
-use runtime::RigName;
 use runtime::clock::{SECOND_NS, now_ns};
+use runtime::{RequestError, RigName};
 use serde_json::json;
 
 use super::actions::{accepted, link};
@@ -20,6 +20,8 @@ use crate::{DATA_LOST, DONE, Error, RigLink};
 
 /// How often the parts of the ring are taken hold of: more often than any is removed.
 const HOLD: Duration = Duration::from_millis(300);
+/// How long a logger may be away, whose death may be what the snapshot is of.
+const AWAY: Duration = Duration::from_secs(30);
 /// How often the watchdog's tokens are looked at.
 const LOOK: Duration = Duration::from_millis(10);
 
@@ -96,7 +98,7 @@ pub(super) fn snapshot(rig_name: &RigName, arguments: &SnapshotArguments) -> any
         Some(Trigger::Trip) => trip(&link)?,
     };
     let mut held = Held::default();
-    held.take_hold(&ring(&link)?);
+    held.take_hold(&patient(|| ring(&link))?);
     let [before_ns, after_ns] =
         [before, *after].map(|time| u64::try_from(time.as_nanos()).unwrap_or(u64::MAX));
     let until_ns = at_ns.saturating_add(after_ns);
@@ -108,7 +110,7 @@ pub(super) fn snapshot(rig_name: &RigName, arguments: &SnapshotArguments) -> any
         }
     }
     // The parts up to there are whole then.
-    let answer = accepted(link.logger(&LoggerRequest::NextPart)?)?;
+    let answer = accepted(patient(|| link.logger(&LoggerRequest::NextPart))?)?;
     let Some(ring) = answer.ring else { bail!(no_ring()) };
     held.take_hold(&ring);
     let times_ns = at_ns.saturating_sub(before_ns)..until_ns;
@@ -169,6 +171,24 @@ fn ring(link: &RigLink) -> Result<RingStatus, Error> {
     link.logger(&LoggerRequest::Status)?.ring.ok_or_else(no_ring)
 }
 
+/// Asks again while the logger is away.
+fn patient<T>(ask: impl Fn() -> Result<T, Error>) -> Result<T, Error> {
+    let began = Instant::now();
+    loop {
+        match ask() {
+            Err(Error::Request(error)) if may_pass(&error) && began.elapsed() < AWAY => {
+                std::thread::sleep(HOLD);
+            }
+            answer => return answer,
+        }
+    }
+}
+
+/// Whether another attempt may have an answer.
+fn may_pass(error: &RequestError) -> bool {
+    !matches!(error, RequestError::TooLong { .. } | RequestError::Codec { .. })
+}
+
 /// Waits for a trip; returns when it was [ns, CLOCK_MONOTONIC].
 fn trip(link: &RigLink) -> Result<u64, Error> {
     eprintln!("farreach: waiting for a trip; Ctrl-C ends it");
@@ -212,6 +232,8 @@ impl Trips {
 
 #[cfg(test)]
 mod tests {
+    use std::cell::Cell;
+
     use super::*;
 
     #[test]
@@ -239,6 +261,28 @@ mod tests {
         std::fs::write(&path, "somebody's").unwrap();
         let error = check_creatable(&path).unwrap_err().to_string();
         assert!(error.contains("never overwritten"), "{error}");
+    }
+
+    #[test]
+    fn a_logger_that_is_away_is_asked_again_and_one_that_refuses_is_not() {
+        let asked = Cell::new(0);
+        let ask = |away: u32, error: fn() -> Error| {
+            asked.set(0);
+            patient(|| {
+                asked.set(asked.get() + 1);
+                if asked.get() > away { Ok(asked.get()) } else { Err(error()) }
+            })
+        };
+        let nobody = || Error::Request(RequestError::NobodyServes("logger/commands", "logger"));
+        assert_eq!(ask(2, nobody).unwrap(), 3);
+        let refused = ask(2, no_ring).unwrap_err();
+        assert!(matches!(refused, Error::Logger(_)), "{refused}");
+        let long = || {
+            let service = "logger/commands";
+            Error::Request(RequestError::TooLong { service, found: 2, most: 1 })
+        };
+        ask(2, long).unwrap_err();
+        assert_eq!(asked.get(), 1);
     }
 
     #[test]
