@@ -145,7 +145,8 @@ def processes(rig):
     marker = f"FARREACH_RIG_NAME={rig.environment['FARREACH_RIG_NAME']}".encode()
     for entry in pathlib.Path("/proc").glob("[0-9]*"):
         with contextlib.suppress(OSError):
-            words = [word.decode() for word in (entry / "cmdline").read_bytes().split(b"\0")]
+            line = (entry / "cmdline").read_bytes()
+            words = [word.decode(errors="replace") for word in line.split(b"\0")]
             if marker in (entry / "environ").read_bytes().split(b"\0"):
                 if pathlib.Path(words[0]).name == "farreach":
                     name = words[2:3] if words[1] == "service" else words[1:4]
@@ -230,7 +231,7 @@ def soak(rig, options):
         finally:
             said = attached.end()
         state = json.loads(rig.ok("status", "--json"))
-        rig.ok("rec", "stop")
+        stopped = rig.run("rec", "stop")
     memory(noted)
     print(f"\n- Trips: {trips}. Messages to the viewer of the bridge, the operator's page, the "
           f"subject's page: {', '.join(map(str, frames))}")
@@ -239,6 +240,9 @@ def soak(rig, options):
     for name, text in said.items():
         print(f"- `farreach {name}`: {text}")
     losses(state)
+    # Exit code 3: something was lost, which is a result.
+    print(f"- `farreach rec stop`: exit code {stopped.returncode}, "
+          f"{(stopped.stdout + stopped.stderr).strip()}")
     recordings(rig)
 
 

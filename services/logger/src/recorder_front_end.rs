@@ -86,6 +86,8 @@ pub struct RecorderFrontEnd {
     split_again_ns: u64,
     /// set between `stop` and its outcome
     stopping: bool,
+    /// whether the present part takes nothing any more
+    failed: bool,
     error: String,
 }
 
@@ -150,6 +152,7 @@ impl RecorderFrontEnd {
             splitting_ns: None,
             split_again_ns: 0,
             stopping: false,
+            failed: false,
             error: String::new(),
         };
         (front, end)
@@ -218,6 +221,7 @@ impl RecorderFrontEnd {
                 count.tracker.resume(position.incarnation, position.next);
             }
         }
+        self.failed = false;
         self.error.clear();
         let path = request.path.clone();
         self.first.clone_from(&path);
@@ -312,6 +316,7 @@ impl RecorderFrontEnd {
                 self.recording = Some(path.clone());
                 self.ring.clone_from(ring);
                 self.split_ns = self.splitting_ns.take().unwrap_or(self.split_ns);
+                self.failed = false;
                 match ended {
                     // It could not be begun before.
                     Ok(_) if self.split_again_ns > 0 => self.error.clear(),
@@ -320,14 +325,17 @@ impl RecorderFrontEnd {
                 }
                 self.split_again_ns = 0;
             }
-            Outcome::NotSplit { error } => {
+            Outcome::NotSplit { error, ring } => {
+                self.ring.clone_from(ring);
                 let asked_ns = self.splitting_ns.take().unwrap_or(0);
                 self.split_again_ns = asked_ns.saturating_add(SPLIT_AGAIN_NS);
                 self.error.clone_from(error);
             }
-            Outcome::Failed { error } | Outcome::StateNotKept { error } => {
-                self.error.clone_from(error)
+            Outcome::Failed { error } => {
+                self.error.clone_from(error);
+                self.failed = true;
             }
+            Outcome::StateNotKept { error } => self.error.clone_from(error),
             Outcome::NotStarted { error } | Outcome::StoppedWithError { error, .. } => {
                 self.error.clone_from(error);
                 self.recording = None;
@@ -415,6 +423,10 @@ impl RecorderFrontEnd {
     /// Whether a recording is running or being ended.
     pub fn recording(&self) -> bool {
         self.recording.is_some()
+    }
+    /// Whether a recording is running that takes messages.
+    pub fn writing(&self) -> bool {
+        self.recording.is_some() && !self.stopping && !self.failed
     }
     /// Whether the next part was asked for and its file is not there yet.
     pub fn splitting(&self) -> bool {

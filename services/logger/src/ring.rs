@@ -26,28 +26,21 @@ pub(crate) struct Ring {
 }
 
 impl Ring {
-    /// Those that a logger before this one left. When they ended is not known: they are taken as
-    /// new.
+    /// Those that a logger before this one left. The one that it did not end has ended by now.
     pub(crate) fn of(request: &StartRequest, now_ns: u64) -> Self {
-        let found = |number: &u32| {
-            let path = recording::part_path(&request.path, *number);
+        let found = |&(number, at_ns): &(u32, u64)| {
+            let path = recording::part_path(&request.path, number);
             let bytes = path.metadata().ok()?.len();
-            Some(Ended { number: *number, at_ns: now_ns, bytes })
+            Some(Ended { number, at_ns: if at_ns == 0 { now_ns } else { at_ns }, bytes })
         };
         Self { ended: request.ring_parts.iter().filter_map(found).collect(), ..Self::default() }
     }
 
-    /// A part has ended: removes those that are too old by now, and notes in `request` which are
-    /// there.
-    pub(crate) fn end_part(
-        &mut self,
-        request: &mut StartRequest,
-        number: u32,
-        at_ns: u64,
-        bytes: u64,
-    ) {
-        let Some(keep_ns) = request.split.keep_ns else { return };
-        self.ended.push_back(Ended { number, at_ns, bytes });
+    /// Removes the parts that are too old by now, and notes in `request` which are there. Whether
+    /// there were any.
+    pub(crate) fn remove_old(&mut self, request: &mut StartRequest, at_ns: u64) -> bool {
+        let Some(keep_ns) = request.split.keep_ns else { return false };
+        let there = self.ended.len();
         // A part longer, so that all of the past is there while somebody takes hold of it.
         let keep_ns = keep_ns.saturating_add(request.split.every_ns.unwrap_or(0));
         while let Some(oldest) = self.ended.front()
@@ -59,7 +52,23 @@ impl Ring {
             }
             self.ended.pop_front();
         }
-        request.ring_parts = self.ended.iter().map(|part| part.number).collect();
+        request.ring_parts = self.ended.iter().map(|part| (part.number, part.at_ns)).collect();
+        self.ended.len() < there
+    }
+
+    /// A part has ended: removes those that are too old by now, and notes in `request` which are
+    /// there.
+    pub(crate) fn end_part(
+        &mut self,
+        request: &mut StartRequest,
+        number: u32,
+        at_ns: u64,
+        bytes: u64,
+    ) {
+        if request.split.keep_ns.is_some() {
+            self.ended.push_back(Ended { number, at_ns, bytes });
+            self.remove_old(request, at_ns);
+        }
     }
 
     /// What is there, with the present part.
@@ -102,7 +111,7 @@ mod tests {
             request.part = number + 1;
         }
         // At 80: those that ended before 40.
-        assert_eq!(request.ring_parts, [5, 6, 7, 8, 9]);
+        assert_eq!(request.ring_parts, [(5, 40), (6, 50), (7, 60), (8, 70), (9, 80)]);
         let found = ring.parts(&request);
         assert_eq!(found.numbers, [5, 6, 7, 8, 9, 10]);
         assert_eq!((found.bytes, found.removed, found.not_removed), (20, 3, 0));
@@ -113,15 +122,41 @@ mod tests {
             assert!(part(&request, number).exists(), "{number}");
         }
 
-        // A logger that takes over knows them, and somebody else's is not among them.
-        fs::remove_file(part(&request, 6)).unwrap();
-        let mut next = request.clone().next_part(Default::default());
-        assert_eq!(next.ring_parts, [5, 6, 7, 8, 9, 10]);
-        let mut ring = Ring::of(&next, 1_000);
-        assert_eq!(ring.parts(&next).numbers, [5, 7, 8, 9, 11]);
-        ring.end_part(&mut next, 11, 1_041, 4);
-        assert_eq!(next.ring_parts, [11]);
-        assert!(part(&next, 3).exists());
+        // Before there is another part, and not twice.
+        assert!(ring.remove_old(&mut request, 81));
+        assert_eq!(request.ring_parts, [(6, 50), (7, 60), (8, 70), (9, 80)]);
+        assert!(!ring.remove_old(&mut request, 90));
+        assert!(!part(&request, 5).exists() && part(&request, 6).exists());
+        assert_eq!(ring.parts(&request).removed, 4);
+    }
+
+    #[test]
+    fn a_logger_that_takes_over_knows_the_parts_and_when_they_ended() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("ring.mcap");
+        let split = Split { every_ns: Some(10), keep_ns: Some(30), every_bytes: None };
+        let part = |number| recording::part_path(&path, number);
+        for number in [1, 2, 3, 4, 5] {
+            fs::write(part(number), "four").unwrap();
+        }
+        // Somebody removed one, and the third is not of the ring.
+        fs::remove_file(part(2)).unwrap();
+        let ring_parts = vec![(1, 10), (2, 20), (4, 40)];
+        let before =
+            StartRequest { path: path.clone(), split, part: 5, ring_parts, ..Default::default() };
+        let mut next = before.next_part(Default::default());
+        assert_eq!(next.ring_parts, [(1, 10), (2, 20), (4, 40), (5, 0)]);
+        let mut ring = Ring::of(&next, 60);
+        assert_eq!(ring.parts(&next).numbers, [1, 4, 5, 6]);
+        assert!(ring.remove_old(&mut next, 60));
+        assert_eq!(next.ring_parts, [(4, 40), (5, 60)]);
+        // Again and again, sooner than a part ends: the ring does not grow.
+        let mut next = next.next_part(Default::default());
+        let mut ring = Ring::of(&next, 90);
+        assert!(ring.remove_old(&mut next, 90));
+        assert_eq!(next.ring_parts, [(5, 60)], "the sixth was never made");
+        assert!([1, 2, 4].iter().all(|number| !part(*number).exists()));
+        assert!(part(3).exists() && part(5).exists());
     }
 
     #[test]

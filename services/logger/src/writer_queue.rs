@@ -201,10 +201,13 @@ pub enum Outcome {
         /// Of a ring, its parts.
         ring: RingParts,
     },
-    /// The next part could not be begun; the recording goes on in the same one.
+    /// The next part could not be begun; the recording goes on in the same one, unless that had
+    /// failed before.
     NotSplit {
         /// Why.
         error: String,
+        /// Of a ring, its parts.
+        ring: RingParts,
     },
     /// The file could not be created; nothing is being recorded.
     NotStarted {

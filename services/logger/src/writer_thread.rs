@@ -19,8 +19,8 @@ use crate::writer_queue::{Command, NextPart, Outcome, QueueReceiver, Shared};
 const IDLE: Duration = Duration::from_millis(5);
 /// Messages written between two checks of the time and the commands.
 const BATCH: usize = 512;
-/// Most parts of one recording.
-const PARTS_MAX: u32 = 10_000;
+/// Most numbers of parts that are passed over, because there are files of these names.
+const PASSED_OVER_MAX: u32 = 10_000;
 
 /// Opens the file of a recording; replaced in tests.
 pub type Opener = Box<dyn Fn(&Path, &Start, u64) -> Result<Writer, WriteError> + Send>;
@@ -235,7 +235,10 @@ impl<'a> Disk<'a> {
                 let path = writer.path().to_owned();
                 self.writer = Some(writer);
                 self.state = StartRequest { part, ..request };
-                self.ring = Ring::of(&self.state, self.now_ns());
+                let now_ns = self.now_ns();
+                self.ring = Ring::of(&self.state, now_ns);
+                // A logger that dies again and again may never end a part.
+                self.ring.remove_old(&mut self.state, now_ns);
                 self.save_state();
                 self.report(Outcome::Started { path, ring: self.ring.parts(&self.state) });
             }
@@ -247,6 +250,7 @@ impl<'a> Disk<'a> {
     /// somebody's data. A later one gets the next free number, which is returned.
     fn open(&self, request: &StartRequest, now_ns: u64) -> Result<(u32, Writer), WriteError> {
         let mut part = request.part.max(1);
+        let last = part.saturating_add(PASSED_OVER_MAX);
         loop {
             let path = recording::part_path(&request.path, part);
             let start = Start {
@@ -257,7 +261,7 @@ impl<'a> Disk<'a> {
             }
             .with(key::PART, &part.to_string());
             match (self.opener)(&path, &start, now_ns) {
-                Err(WriteError::Exists { .. }) if part > 1 && part < PARTS_MAX => part += 1,
+                Err(WriteError::Exists { .. }) if part > 1 && part < last => part += 1,
                 opened => return opened.map(|writer| (part, writer)),
             }
         }
@@ -274,6 +278,8 @@ impl<'a> Disk<'a> {
         if self.writer.is_none() {
             return;
         }
+        // Before the next file is created, for which there may be no room otherwise.
+        let removed = self.ring.remove_old(&mut self.state, at_ns);
         let mut request = self.state.clone();
         request.part += 1;
         request.metadata.extend(metadata);
@@ -282,16 +288,13 @@ impl<'a> Disk<'a> {
         request.continues = newest.collect::<Positions>();
         let (part, writer) = match self.open(&request, at_ns) {
             Ok(opened) => opened,
-            Err(error) => {
-                return self.report(Outcome::NotSplit {
-                    error: format!("the next part cannot be begun, and this one goes on: {error}"),
-                });
-            }
+            Err(error) => return self.not_split(&error, removed),
         };
         let path = writer.path().to_owned();
         let Some(mut ended) = self.writer.replace(writer) else { return };
         // The counters must hold what the last flush refuses; `finish` returns its error.
         let _ = ended.flush();
+        let flushed_bytes = ended.bytes();
         for (topic, parts) in self.parts.iter_mut().enumerate() {
             parts.written += ended.written_of(topic);
             parts.refused += ended.refused_of(topic);
@@ -304,11 +307,25 @@ impl<'a> Disk<'a> {
         }
         self.publish_all();
         self.end.shared.part_bytes.store(0, Ordering::Relaxed);
-        let bytes = ended.as_ref().map_or(0, |summary| summary.bytes);
+        let bytes = ended.as_ref().map_or(flushed_bytes, |summary| summary.bytes);
         self.ring.end_part(&mut request, self.state.part, at_ns, bytes);
         self.state = StartRequest { part, ..request };
         self.save_state();
         self.report(Outcome::NextPart { path, ended, ring: self.ring.parts(&self.state) });
+    }
+
+    /// Tells that the next part could not be begun, for which old ones may have been `removed`.
+    fn not_split(&self, error: &WriteError, removed: bool) {
+        // Their names may be somebody's from now on.
+        if removed {
+            self.save_state();
+        }
+        let present = match self.writer.as_ref().and_then(Writer::error) {
+            None => "this one goes on".to_owned(),
+            Some(cause) => format!("this one takes nothing any more ({cause})"),
+        };
+        let error = format!("the next part cannot be begun, and {present}: {error}");
+        self.report(Outcome::NotSplit { error, ring: self.ring.parts(&self.state) });
     }
 
     /// Writes the run into the file behind everything that was pushed before.

@@ -2,6 +2,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 use std::collections::BTreeMap;
+use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -12,7 +13,7 @@ use logger::recorder_front_end::{Outcome, RecorderError, RecorderFrontEnd, Start
 use logger::{Opener, QUEUE_BYTES, QUEUE_HEADER_BYTES, state};
 use recording::mcap_edit::{check_one_session, rewrite};
 use recording::mcap_read::Recording;
-use recording::mcap_write::{Start, WriteError, Writer, key};
+use recording::mcap_write::{Output, Start, WriteError, Writer, key};
 use recording::part_path;
 
 /// Far beyond anything that a working machine needs; it only keeps a broken test from hanging.
@@ -234,7 +235,7 @@ fn a_recording_goes_on_where_the_next_part_cannot_be_begun() {
     assert!(recorder.split_due());
     recorder.split(BTreeMap::new()).unwrap();
     push(&mut recorder, 4_000..5_000);
-    let Outcome::NotSplit { error } = outcome(&mut recorder) else { panic!() };
+    let Outcome::NotSplit { error, .. } = outcome(&mut recorder) else { panic!() };
     assert!(error.contains("run.part2.mcap") && error.contains("goes on"), "{error}");
     assert_eq!(recorder.status().error, error);
     assert!(recorder.recording());
@@ -255,6 +256,140 @@ fn a_recording_goes_on_where_the_next_part_cannot_be_begun() {
     assert_eq!(sequences(&part_path(&path, 2)), (24_000..25_000).collect::<Vec<_>>());
     assert_eq!(end_of(&path, "sample.received"), 24_000, "of the part that went on");
     assert_eq!(recorder.status().lost, 0);
+}
+
+#[test]
+fn a_recording_may_have_any_number_of_parts_and_passes_over_so_many_names() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("run.mcap");
+    std::fs::write(part_path(&path, 20_000), "somebody's").unwrap();
+    let mut recorder = RecorderFrontEnd::new(None).unwrap();
+    recorder.start(StartRequest { part: 20_000, ..request(&path, Split::default()) }).unwrap();
+    let Outcome::Started { path: begun, .. } = outcome(&mut recorder) else { panic!() };
+    assert_eq!(begun, part_path(&path, 20_001));
+
+    let opener: Opener = Box::new(|path: &Path, _: &Start, _: u64| {
+        Err(WriteError::Exists { path: path.to_owned() })
+    });
+    let mut recorder = RecorderFrontEnd::with(None, ROOM, opener).unwrap();
+    recorder.start(StartRequest { part: 2, ..request(&path, Split::default()) }).unwrap();
+    let Outcome::NotStarted { error } = outcome(&mut recorder) else { panic!() };
+    assert!(error.contains("run.part10002.mcap"), "{error}");
+}
+
+/// A ring of 2 s in parts of 1 s.
+fn ring() -> Split {
+    Split { every_ns: Some(SECOND_NS), keep_ns: Some(2 * SECOND_NS), every_bytes: None }
+}
+
+#[test]
+fn a_ring_that_fills_its_disk_goes_on_as_its_oldest_parts_go() {
+    let (folder, states) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    let path = folder.path().join("ring.mcap");
+    let parts = |folder: &Path| folder.read_dir().unwrap().count();
+    // Room for what a ring holds between two parts, and the next one.
+    let opener: Opener =
+        Box::new(move |path: &Path, start: &Start, now_ns| match parts(path.parent().unwrap()) {
+            0..5 => Writer::create(path, start, now_ns),
+            _ => Err(WriteError::DiskFull { path: path.to_owned(), refused: 0 }),
+        });
+    let keep = Some(states.path().to_owned());
+    let mut recorder = RecorderFrontEnd::with(keep, QUEUE_BYTES, opener).unwrap();
+    recorder.tick(SECOND_NS);
+    recorder.start(request(&path, ring())).unwrap();
+    assert!(matches!(outcome(&mut recorder), Outcome::Started { .. }));
+    for second in 2..20 {
+        recorder.tick(second * SECOND_NS);
+        recorder.split(BTreeMap::new()).unwrap();
+        let next = outcome(&mut recorder);
+        assert!(matches!(next, Outcome::NextPart { ended: Ok(_), .. }), "{second} s: {next:?}");
+    }
+    let kept = state::load(states.path(), 5).unwrap().unwrap();
+    let ended = [15_u64, 16, 17, 18].map(|part| (part as u32, (part + 1) * SECOND_NS));
+    assert_eq!(kept.ring_parts, ended);
+
+    // Somebody else's data fill it: the oldest go still, and what is kept of the ring is told.
+    for number in 0..5 {
+        std::fs::write(folder.path().join(number.to_string()), "somebody's").unwrap();
+    }
+    recorder.tick(30 * SECOND_NS);
+    recorder.split(BTreeMap::new()).unwrap();
+    let Outcome::NotSplit { error, ring } = outcome(&mut recorder) else { panic!() };
+    assert!(error.contains("ring.part20.mcap") && error.contains("the disk is full"), "{error}");
+    assert_eq!((ring.numbers, ring.removed), (vec![19], 18));
+    assert_eq!(recorder.status().ring.unwrap().parts, [19]);
+    let kept = state::load(states.path(), 5).unwrap().unwrap();
+    assert_eq!((kept.part, kept.ring_parts), (19, vec![]));
+}
+
+/// A disk with room for so many bytes.
+struct Small(usize);
+
+impl Write for Small {
+    fn write(&mut self, data: &[u8]) -> io::Result<usize> {
+        self.0 = self.0.checked_sub(data.len()).ok_or(io::ErrorKind::StorageFull)?;
+        Ok(data.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+impl Output for Small {
+    fn sync(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+#[test]
+fn a_part_that_failed_is_told_and_the_next_one_takes_messages_again() {
+    let full = Arc::new(AtomicBool::new(true));
+    let no_room = Arc::clone(&full);
+    let opener: Opener = Box::new(move |path: &Path, start: &Start, now_ns| {
+        if path.ends_with("ring.mcap") {
+            return Writer::to_output(Box::new(Small(60_000)), path, start, now_ns);
+        }
+        if no_room.load(Ordering::SeqCst) {
+            return Err(WriteError::DiskFull { path: path.to_owned(), refused: 0 });
+        }
+        Writer::to_output(Box::new(Small(usize::MAX)), path, start, now_ns)
+    });
+    let mut recorder = RecorderFrontEnd::with(None, QUEUE_BYTES, opener).unwrap();
+    let every = Some(1_000 * SECOND_NS);
+    let ring = Split { every_ns: every, keep_ns: every, every_bytes: None };
+    assert!(!recorder.writing());
+    recorder.start(request(Path::new("/x/ring.mcap"), ring)).unwrap();
+    assert!(matches!(outcome(&mut recorder), Outcome::Started { .. }));
+    assert!(recorder.writing());
+    let mut sent = 0;
+    let failed = loop {
+        push(&mut recorder, sent..sent + 500);
+        sent += 500;
+        recorder.tick(sent * SAMPLE_NS);
+        if let Some(outcome) = recorder.wait(Duration::from_millis(20)) {
+            break outcome;
+        }
+        assert!(sent < 90_000, "the disk never was full");
+    };
+    assert!(matches!(failed, Outcome::Failed { .. }), "{failed:?}");
+    recorder.split(BTreeMap::new()).unwrap();
+    let Outcome::NotSplit { error, .. } = outcome(&mut recorder) else { panic!() };
+    assert!(error.contains("this one takes nothing any more (the disk is full)"), "{error}");
+    assert!(!recorder.writing());
+    full.store(false, Ordering::SeqCst);
+    recorder.split(BTreeMap::new()).unwrap();
+    let Outcome::NextPart { ended, ring, .. } = outcome(&mut recorder) else { panic!() };
+    assert!(ended.unwrap_err().contains("the disk is full"));
+    assert!(recorder.writing());
+    assert_eq!(ring.numbers, [1, 2]);
+    assert!(ring.bytes > 10_000, "{ring:?}: what it holds of its first part counts");
+    let lost = recorder.status().lost;
+    push(&mut recorder, sent..sent + 100);
+    recorder.stop().unwrap();
+    assert!(!recorder.writing());
+    let Outcome::Stopped(last) = outcome(&mut recorder) else { panic!() };
+    assert_eq!((last.written, recorder.status().lost), (125, lost));
 }
 
 #[test]

@@ -83,7 +83,7 @@ use std::io::Write;
 
 pub use args::{BidsOptions, Command, ExportFormat, ExportOptions, LengthUnit};
 pub use bids::FirstRun;
-pub use edit::{Part, copy_interval};
+pub use edit::{Copied, Part, copy_interval};
 pub use mat::{WantedSession, session_path, write_session};
 use output::Output;
 use recording::mcap_read::Recording;

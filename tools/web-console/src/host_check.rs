@@ -20,7 +20,8 @@ pub(crate) fn is_own_origin(origin: Option<&str>, host: &str) -> bool {
     })
 }
 
-fn without_port(host: &str) -> &str {
+/// The name or address in a `Host`, or in what follows `://` in an `Origin`.
+pub fn without_port(host: &str) -> &str {
     match host.rsplit_once(':') {
         Some((name, port)) if port.bytes().all(|byte| byte.is_ascii_digit()) => name,
         _ => host,

@@ -69,8 +69,10 @@ impl Logger {
 
     /// Puts a note into the recording. The inner error is why not.
     fn tag(&mut self, author: &str, text: &str) -> Result<Result<(), String>, PortError> {
-        if !self.recorder.recording() {
-            return Ok(Err(RecorderError::NotRecording.to_string()));
+        if !self.recorder.writing() {
+            let status = self.recorder.status();
+            let error = status.recording.map(|_| status.error).filter(|error| !error.is_empty());
+            return Ok(Err(error.unwrap_or_else(|| RecorderError::NotRecording.to_string())));
         }
         let text = match tag_text(author, text) {
             Ok(text) => text,

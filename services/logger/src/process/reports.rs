@@ -44,13 +44,13 @@ impl Logger {
             Outcome::NotStarted { error }
             | Outcome::Failed { error }
             | Outcome::StoppedWithError { error, .. }
-            | Outcome::NotSplit { error }
+            | Outcome::NotSplit { error, .. }
             | Outcome::StateNotKept { error } => error.clone(),
         };
         self.service.event(kind, severity, values, &text)?;
         let next_part = match &outcome {
             Outcome::NextPart { ended, .. } => Some(ended.as_ref().err().cloned()),
-            Outcome::NotSplit { error } => Some(Some(error.clone())),
+            Outcome::NotSplit { error, .. } => Some(Some(error.clone())),
             _ => None,
         };
         if let Some(error) = next_part

@@ -123,7 +123,8 @@ impl std::fmt::Debug for Writer {
 }
 
 impl Writer {
-    /// Begins a recording in a file that does not exist yet. `now_ns` is `CLOCK_MONOTONIC`.
+    /// Begins a recording in a file that does not exist yet. `now_ns` is `CLOCK_MONOTONIC`. Where
+    /// nothing can be written into the file, it is removed.
     ///
     /// # Errors
     /// [`WriteError::Exists`], [`WriteError::Create`], or those of the first write.
@@ -138,12 +139,25 @@ impl Writer {
             })?;
         // Tells readers that this file is still growing; a file system without locks cannot.
         let _ = file.try_lock();
-        let writer = Self::to_output(Box::new(file), path, start, now_ns)?;
+        let writer = Self::in_new_file(Box::new(file), path, start, now_ns)?;
         // The directory entry must survive a crash too, where the file system can sync a directory.
         if let Some(directory) = path.parent().filter(|p| !p.as_os_str().is_empty()) {
             let _ = File::open(directory).and_then(|d| d.sync_all());
         }
         Ok(writer)
+    }
+
+    /// As [`Self::to_output`], where `path` is a file that was made for it.
+    fn in_new_file(
+        output: Box<dyn Output>,
+        path: &Path,
+        start: &Start,
+        now_ns: u64,
+    ) -> Result<Self, WriteError> {
+        Self::to_output(output, path, start, now_ns).inspect_err(|_| {
+            // Nothing is in it, and it would stand in the way of the next attempt.
+            let _ = std::fs::remove_file(path);
+        })
     }
 
     /// Begins a recording on any output; `path` is for messages only.
@@ -398,5 +412,46 @@ impl Writer {
             other => other.to_string(),
         });
         error
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, clippy::expect_used)]
+
+    use std::io::Write;
+
+    use super::*;
+
+    /// A disk that is full.
+    struct Full;
+
+    impl Write for Full {
+        fn write(&mut self, _: &[u8]) -> io::Result<usize> {
+            Err(io::ErrorKind::StorageFull.into())
+        }
+
+        fn flush(&mut self) -> io::Result<()> {
+            Ok(())
+        }
+    }
+
+    impl Output for Full {
+        fn sync(&mut self) -> io::Result<()> {
+            Ok(())
+        }
+    }
+
+    #[test]
+    fn a_file_into_which_nothing_can_be_written_is_removed() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("run.mcap");
+        File::create_new(&path).unwrap();
+        let error = Writer::in_new_file(Box::new(Full), &path, &Start::default(), 0).unwrap_err();
+        assert!(matches!(error, WriteError::DiskFull { refused: 0, .. }), "{error}");
+        assert!(!path.exists());
+        // Once there is room, the name is free.
+        Writer::create(&path, &Start::default(), 0).unwrap().finish(&[]).unwrap();
+        assert!(path.exists());
     }
 }

@@ -3,6 +3,8 @@
 //! A page of any site that a browser of this computer has open can try to connect, and would read
 //! a subject's data. Browsers tell the page's site (`Origin`), which a page cannot change.
 
+use web_console::without_port;
+
 /// Foxglove's own site.
 const FOXGLOVE: &str = "foxglove.dev";
 
@@ -18,7 +20,7 @@ pub(crate) fn is_admitted(origin: Option<&str>, named: &[String]) -> bool {
         // `null`: any page can hide its site so.
         None => return false,
     };
-    let host = host_of(authority);
+    let host = without_port(authority);
     match scheme {
         "http" => is_this_computer(host),
         "https" => is_this_computer(host) || is_foxglove(host),
@@ -33,14 +35,6 @@ fn is_this_computer(host: &str) -> bool {
 
 fn is_foxglove(host: &str) -> bool {
     host.strip_suffix(FOXGLOVE).is_some_and(|rest| rest.is_empty() || rest.ends_with('.'))
-}
-
-/// Without the port.
-fn host_of(authority: &str) -> &str {
-    match authority.rsplit_once(':') {
-        Some((host, port)) if port.bytes().all(|byte| byte.is_ascii_digit()) => host,
-        _ => authority,
-    }
 }
 
 #[cfg(test)]
