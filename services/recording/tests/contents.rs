@@ -166,6 +166,24 @@ fn a_summary_that_counts_wrongly_is_damage() {
 }
 
 #[test]
+fn a_chunk_that_is_not_where_the_summary_says_is_damage() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("run.mcap");
+    write_file(&path, 400);
+    let mut moved = false;
+    // Behind two words comes the place of the chunk.
+    let bytes = with_summary(&fs::read(&path).unwrap(), |opcode, record| {
+        if opcode == op::CHUNK_INDEX && !moved {
+            let elsewhere = word(record, 16) + 1;
+            record[16..24].copy_from_slice(&elsewhere.to_le_bytes());
+            moved = true;
+        }
+    });
+    let told = damage(dir.path(), &bytes);
+    assert_eq!(told, ["the summary lists a chunk here, and there is none"]);
+}
+
+#[test]
 fn where_a_summary_does_not_say_what_is_in_a_chunk_the_file_is_read() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("run.mcap");
@@ -198,10 +216,21 @@ fn a_footer_may_leave_the_checksum_out_and_must_say_where_the_summary_begins() {
     let mut unchecked = whole.clone();
     unchecked[footer + 25..footer + 29].fill(0);
     assert_eq!(damage(dir.path(), &unchecked), Vec::<String>::new());
+    assert_eq!(opened(dir.path(), &unchecked).contents().unwrap(), None, "nothing vouches for it");
     // An empty summary.
     let mut empty = whole.clone();
     seal(&mut empty, footer);
     assert_eq!(damage(dir.path(), &empty), Vec::<String>::new());
+    // Its last record reaches into the footer.
+    let begin = word(&whole, footer + 9) as usize;
+    let (mut at, mut last) = (begin, begin);
+    while at < footer {
+        (last, at) = (at, at + 9 + word(&whole, at + 1) as usize);
+    }
+    let mut long = whole.clone();
+    long[last + 1..last + 9].copy_from_slice(&(word(&whole, last + 1) + 10).to_le_bytes());
+    seal(&mut long, begin);
+    assert_eq!(opened(dir.path(), &long).contents().unwrap(), None);
     let mut behind = whole.clone();
     seal(&mut behind, footer + 1);
     let told = damage(dir.path(), &behind);
