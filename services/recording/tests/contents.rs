@@ -110,6 +110,18 @@ fn word(bytes: &[u8], at: usize) -> u64 {
     u64::from_le_bytes(bytes[at..at + 8].try_into().unwrap())
 }
 
+/// Where the summary begins, as the footer says.
+fn summary_of(bytes: &[u8]) -> usize {
+    word(bytes, footer_of(bytes) + 9) as usize
+}
+
+/// Where the records of the summary begin.
+fn summary_records(bytes: &[u8]) -> Vec<usize> {
+    let behind = |at: &usize| Some(at + 9 + word(bytes, at + 1) as usize);
+    let places = std::iter::successors(Some(summary_of(bytes)), behind);
+    places.take_while(|at| *at < footer_of(bytes)).collect()
+}
+
 /// Says in the footer that the summary begins at `begin`, and makes its checksum right.
 fn seal(bytes: &mut [u8], begin: usize) {
     let footer = footer_of(bytes);
@@ -120,19 +132,17 @@ fn seal(bytes: &mut [u8], begin: usize) {
 
 /// The file with the records of its summary (opcode, content) changed, and the right checksum.
 fn with_summary(whole: &[u8], mut change: impl FnMut(u8, &mut Vec<u8>)) -> Vec<u8> {
-    let footer = footer_of(whole);
-    let begin = word(whole, footer + 9) as usize;
-    let (mut bytes, mut at) = (whole[..begin].to_vec(), begin);
-    while at < footer {
+    let begin = summary_of(whole);
+    let mut bytes = whole[..begin].to_vec();
+    for at in summary_records(whole) {
         let content = at + 9..at + 9 + word(whole, at + 1) as usize;
-        let (opcode, mut record) = (whole[at], whole[content.clone()].to_vec());
+        let (opcode, mut record) = (whole[at], whole[content].to_vec());
         change(opcode, &mut record);
         bytes.push(opcode);
         bytes.extend((record.len() as u64).to_le_bytes());
         bytes.extend(record);
-        at = content.end;
     }
-    bytes.extend(&whole[footer..]);
+    bytes.extend(&whole[footer_of(whole)..]);
     seal(&mut bytes, begin);
     bytes
 }
@@ -222,14 +232,10 @@ fn a_footer_may_leave_the_checksum_out_and_must_say_where_the_summary_begins() {
     seal(&mut empty, footer);
     assert_eq!(damage(dir.path(), &empty), Vec::<String>::new());
     // Its last record reaches into the footer.
-    let begin = word(&whole, footer + 9) as usize;
-    let (mut at, mut last) = (begin, begin);
-    while at < footer {
-        (last, at) = (at, at + 9 + word(&whole, at + 1) as usize);
-    }
+    let last = *summary_records(&whole).last().unwrap();
     let mut long = whole.clone();
     long[last + 1..last + 9].copy_from_slice(&(word(&whole, last + 1) + 10).to_le_bytes());
-    seal(&mut long, begin);
+    seal(&mut long, summary_of(&whole));
     assert_eq!(opened(dir.path(), &long).contents().unwrap(), None);
     let mut behind = whole.clone();
     seal(&mut behind, footer + 1);
