@@ -75,6 +75,11 @@ impl TestRig {
         &self.name
     }
 
+    /// The timing profile that its processes are given.
+    pub const fn profile(&self) -> Profile {
+        self.profile
+    }
+
     /// A directory that lives as long as the rig.
     pub fn path(&self, file: &str) -> PathBuf {
         self.directory.path().join(file)

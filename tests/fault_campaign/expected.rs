@@ -26,11 +26,16 @@ pub enum Expected {
 /// Processes whose silence takes the volts away.
 pub const LOOPS: [&str; 4] = ["acquisition", "control", "watchdog", "simulator"];
 
+/// Ticks within which the gate ends what control last said.
+pub fn gate_bound(profile: Profile) -> u64 {
+    Timeouts::of(profile).token_ns / TICK_NS + SLACK
+}
+
 /// Ticks after a process's last message within which the motor must be at 0 V. Of control it is the
 /// gate's: where the gate itself was late, the stall that made it so is measured here.
 fn bound_of(process: &str, profile: Profile) -> Option<u64> {
     match process {
-        "control" => Some(Timeouts::of(profile).token_ns / TICK_NS + SLACK),
+        "control" => Some(gate_bound(profile)),
         _ => off_bound(process, profile),
     }
 }

@@ -16,7 +16,7 @@ struct Slice {
 }
 
 /// How long one measurement lasts: short against an injection.
-const SLICE: Duration = Duration::from_millis(100);
+pub const SLICE: Duration = Duration::from_millis(100);
 
 /// Bare loops on every processor, above every loop of the rig, that do nothing but wake.
 #[derive(Debug)]

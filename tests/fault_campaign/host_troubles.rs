@@ -2,7 +2,7 @@
 
 use std::fs::{File, remove_file};
 use std::io::Write;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::Duration;
 
@@ -52,6 +52,9 @@ impl HostTrouble {
         Self::AnotherUser,
     ];
 
+    /// Those that can be made where no rig runs.
+    pub const WITHOUT_RIG: [Self; 3] = [Self::ProcessorHogs, Self::MemoryPressure, Self::DiskBusy];
+
     pub const fn name(self) -> &'static str {
         match self {
             Self::ProcessorHogs => "host: processors hogged by other programs",
@@ -92,9 +95,9 @@ impl HostTrouble {
     pub fn make(self, rig: &TestRig, monitor: &Monitor, disks: Option<&PrivateDisks>) {
         let mounted = || disks.expect("left out without");
         match self {
-            Self::ProcessorHogs => hog_processors(),
-            Self::MemoryPressure => take_memory(),
-            Self::DiskBusy => write_and_sync(rig.path("busy")),
+            Self::ProcessorHogs | Self::MemoryPressure | Self::DiskBusy => {
+                self.make_without_rig(&rig.path("."));
+            }
             Self::DiskFull => record_to_full_disk(rig, mounted()),
             Self::DiskReadOnly => {
                 let output = record_to(rig, mounted().read_only.join("run.mcap"));
@@ -102,6 +105,20 @@ impl HostTrouble {
             }
             Self::SharedMemoryFull => fill_shared_memory(monitor),
             Self::AnotherUser => reach_as_another_user(rig),
+        }
+    }
+}
+
+impl HostTrouble {
+    /// Makes one of [`HostTrouble::WITHOUT_RIG`], and ends it; what is written goes to this folder.
+    pub fn make_without_rig(self, folder: &Path) {
+        match self {
+            Self::ProcessorHogs => hog_processors(),
+            Self::MemoryPressure => take_memory(),
+            Self::DiskBusy => write_and_sync(folder.join("busy")),
+            Self::DiskFull | Self::DiskReadOnly | Self::SharedMemoryFull | Self::AnotherUser => {
+                panic!("{self:?} needs a rig")
+            }
         }
     }
 }

@@ -12,6 +12,7 @@ use rand::{RngExt, SeedableRng};
 use runtime::clock::now_ns;
 use serde::{Deserialize, Serialize};
 
+use crate::alone::Alone;
 use crate::common::monitor::{LIMIT, Monitor, Sender, tick_of};
 use crate::common::{Signal, TestRig, kill, pulse_of, told, wait_for};
 use crate::expected::{Expected, ONE_MESSAGE, of_death, of_machine, of_stop};
@@ -65,6 +66,8 @@ pub struct Target {
     pub record: PathBuf,
     pub disks: Option<PrivateDisks>,
     pub stalls: HostStalls,
+    /// What the host's troubles do without a rig, by their names.
+    pub alone: BTreeMap<&'static str, Alone>,
     pub random: StdRng,
 }
 
@@ -84,12 +87,13 @@ fn bring_up(rig: &TestRig, record: &Path) -> Output {
 impl Target {
     pub fn new(rig: TestRig, disks: Option<PrivateDisks>, seed: u64) -> Self {
         let record = rig.path("run.mcap");
+        let alone = Alone::measure_all(rig.profile(), &rig.path("."));
         let up = bring_up(&rig, &record);
         assert!(up.status.success(), "{}", told(&up));
         let mut monitor = Monitor::join(rig.name());
         monitor.load(2);
         let random = StdRng::seed_from_u64(seed);
-        Self { rig, monitor, record, disks, stalls: HostStalls::watch(), random }
+        Self { rig, monitor, record, disks, stalls: HostStalls::watch(), alone, random }
     }
 
     pub fn profile(&self) -> Profile {

@@ -1,8 +1,9 @@
 //! The campaign's result as a table, for the terminal and for `docs/fault-campaign.md`.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
 use std::path::Path;
+use std::process::Command;
 
 use ipc_types::Profile;
 
@@ -28,6 +29,19 @@ impl Row<'_> {
 
     fn failed(&self) -> usize {
         self.counted().filter(|it| matches!(it.verdict, Verdict::Failed(_))).count()
+    }
+
+    fn undecided(&self) -> usize {
+        self.counted().filter(|it| matches!(it.verdict, Verdict::Undecided(_))).count()
+    }
+
+    /// Why the host decides, where it does.
+    fn why_undecided(&self) -> Option<String> {
+        let why = self.counted().find_map(|it| match &it.verdict {
+            Verdict::Undecided(why) => Some(why),
+            _ => None,
+        });
+        why.map(|why| format!("{}: {why}", self.kind))
     }
 
     fn kept_power(&self) -> usize {
@@ -68,7 +82,7 @@ impl Row<'_> {
         (!all.is_empty()).then(|| format!("{}: {}", self.kind, all.join("; ")))
     }
 
-    fn cells(&self) -> [String; 7] {
+    fn cells(&self) -> [String; 8] {
         let off = self.off_ms();
         let of =
             |share: f64| quantile(&off, share).map_or("–".to_owned(), |ms| format!("{ms:.1}"));
@@ -80,19 +94,21 @@ impl Row<'_> {
             format!("{} / {} / {}", of(0.5), of(0.99), of(1.0)),
             self.bound_ms().map_or("–".to_owned(), |ms| format!("{ms:.1}")),
             self.failed().to_string(),
+            self.undecided().to_string(),
             self.repeated().to_string(),
             format!("{:.0} / {:.0}", back(0.5), back(1.0)),
         ]
     }
 }
 
-const HEAD: [&str; 8] = [
+const HEAD: [&str; 9] = [
     "fault",
     "injections",
     "power kept",
     "to 0 V: p50 / p99 / max (ms)",
     "bound (ms)",
     "not as stated",
+    "undecided",
     "repeated for a stall",
     "all ready again: p50 / max (ms)",
 ];
@@ -143,12 +159,13 @@ fn summary(outcomes: &[Outcome], profile: Profile) -> String {
     let stalls = sorted(own.map(|it| it.stall_ms).collect());
     let stall = |share: f64| quantile(&stalls, share).unwrap_or_default();
     format!(
-        "{} injections of {} kinds: {} not as stated; {} more were repeated because the host \
-         stalled. Longest stall of the host during an injection: median {:.1} ms, 99th percentile \
-         {:.1} ms, maximum {:.1} ms.",
+        "{} injections of {} kinds: {} not as stated, {} undecided; {} more were repeated because \
+         the host stalled. Longest stall of the host during an injection: median {:.1} ms, 99th \
+         percentile {:.1} ms, maximum {:.1} ms.",
         sum(|row| row.counted().count()),
         rows.len(),
         sum(|row| row.failed()),
+        sum(|row| row.undecided()),
         sum(|row| row.repeated()),
         stall(0.5),
         stall(0.99),
@@ -163,21 +180,58 @@ pub fn text(outcomes: &[Outcome]) -> String {
         writeln!(text, "\n{profile}: {}", summary(outcomes, profile)).unwrap();
         writeln!(text, "{}", HEAD.join("; ")).unwrap();
         for row in rows(outcomes, profile) {
-            let [count, kept, off, bound, failed, repeated, back] = row.cells();
+            let [count, kept, off, bound, failed, undecided, repeated, back] = row.cells();
             let (name, off) = (format!("{:60}", row.kind), format!("{off:22}"));
-            let counts = format!("{failed:>2} {repeated:>3}  {back}");
+            let counts = format!("{failed:>2} {undecided:>2} {repeated:>3}  {back}");
             writeln!(text, "{name} {count:>4} {kept:>4}  {off} {bound:>6} {counts}").unwrap();
         }
         for row in rows(outcomes, profile) {
             row.causes().inspect(|causes| writeln!(text, "{causes}").unwrap());
+            row.why_undecided().inspect(|why| writeln!(text, "undecided: {why}").unwrap());
         }
     }
     text
 }
 
+/// The sources that ran.
+fn revision() -> String {
+    let git = |arguments: &[&str]| {
+        let mut command = Command::new("git");
+        let output = command.args(arguments).current_dir(env!("CARGO_MANIFEST_DIR")).output();
+        let output = output.ok().filter(|output| output.status.success())?;
+        String::from_utf8(output.stdout).ok()
+    };
+    let head = git(&["rev-parse", "--short=12", "HEAD"]);
+    let (Some(head), Some(status)) = (head, git(&["status", "--porcelain"])) else {
+        return "Run on a revision that git does not know.".to_owned();
+    };
+    let folders: BTreeSet<&str> =
+        status.lines().filter_map(|line| line.get(3..)?.split('/').next()).collect();
+    let folders: Vec<&str> = folders.into_iter().collect();
+    let changed = if folders.is_empty() {
+        String::new()
+    } else {
+        format!(", changed in {}", folders.join(", "))
+    };
+    format!("Run on revision `{}`{changed}.", head.trim())
+}
+
+/// A heading and its items; nothing where there are none.
+fn write_list(page: &mut String, head: &str, items: &[String]) {
+    if items.is_empty() {
+        return;
+    }
+    writeln!(page, "\n{head}:\n").unwrap();
+    for item in items {
+        let options = textwrap::Options::new(100).initial_indent("- ").subsequent_indent("  ");
+        writeln!(page, "{}", textwrap::fill(item, options)).unwrap();
+    }
+}
+
 /// Writes the page.
 pub fn write_page(outcomes: &[Outcome]) {
     let mut page = include_str!("page_introduction.txt").to_owned();
+    writeln!(page, "\n{}", textwrap::fill(&revision(), 100)).unwrap();
     for profile in profiles(outcomes) {
         writeln!(page, "\n## Profile {profile}\n").unwrap();
         let summary = textwrap::fill(&summary(outcomes, profile), 100);
@@ -187,11 +241,11 @@ pub fn write_page(outcomes: &[Outcome]) {
         for row in rows(outcomes, profile) {
             writeln!(page, "| {} | {} |", row.kind, row.cells().join(" | ")).unwrap();
         }
-        writeln!(page, "\nCauses of the trips where no bound is given:\n").unwrap();
-        for causes in rows(outcomes, profile).iter().filter_map(Row::causes) {
-            let options = textwrap::Options::new(100).initial_indent("- ").subsequent_indent("  ");
-            writeln!(page, "{}", textwrap::fill(&causes, options)).unwrap();
-        }
+        let rows = rows(outcomes, profile);
+        let undecided: Vec<String> = rows.iter().filter_map(Row::why_undecided).collect();
+        write_list(&mut page, "Undecided", &undecided);
+        let causes: Vec<String> = rows.iter().filter_map(Row::causes).collect();
+        write_list(&mut page, "Causes of the trips where no bound is given", &causes);
     }
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/fault-campaign.md");
     std::fs::write(path, page).unwrap();

@@ -17,6 +17,8 @@ pub enum Verdict {
     Held,
     /// Not as expected, by a stall of the host that was measured beside it.
     HostStalled(String),
+    /// Not as expected, each time, by stalls of the host that come without a rig as well.
+    Undecided(String),
     /// Not as expected.
     Failed(String),
 }
