@@ -9,7 +9,7 @@ use std::io::{BufRead, BufReader};
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
 
-use common::monitor::{LIMIT, Monitor, Seen};
+use common::monitor::{LIMIT, Monitor};
 use common::third_party::{CHILD, TARGET_RAD, third_party};
 use common::{Signal, TestRig, kill, told, wait_for};
 use ipc_types::{GateState, WatchdogState};
@@ -154,27 +154,20 @@ fn control_is_replaced(name: &str, start: impl Fn(&TestRig) -> StandIn) {
 /// A stall of the host takes the power from a control in Python now and then; an operator gives it
 /// back.
 fn hold_target(rig: &TestRig, monitor: &Monitor, incarnation: u64) {
-    let holds = |seen: &Seen| {
+    let mut senders = None;
+    let holds = wait_for(LIMIT, || {
+        if monitor.seen().state() != Some(WatchdogState::Enabled) {
+            monitor.power_up(rig);
+        }
+        let seen = monitor.seen();
         let sample = seen.sample.unwrap();
+        senders = Some((sample.command_incarnation, seen.streams["command"].newest().incarnation));
         (sample.master_position[0] - TARGET_RAD).abs() < 0.15
             && sample.gate_state == GateState::Open.code()
             && seen.state() == Some(WatchdogState::Enabled)
-    };
-    let came = wait_for(LIMIT, || {
-        monitor.power_up(rig);
-        let enabled = || monitor.seen().state() == Some(WatchdogState::Enabled);
-        wait_for(LIMIT, || !enabled() || holds(&monitor.seen()));
-        let seen = monitor.seen();
-        if !holds(&seen) {
-            return false;
-        }
-        let newest = seen.streams["command"].newest().incarnation;
-        let sample = seen.sample.unwrap();
-        drop(seen);
-        assert_eq!(sample.command_incarnation, incarnation);
-        assert_eq!(newest, incarnation);
-        true
     });
     let seen = monitor.seen();
-    assert!(came, "the target was not held: {:?}\n{}", seen.sample, seen.account());
+    assert!(holds, "the target was not held: {:?}\n{}", seen.sample, seen.account());
+    drop(seen);
+    assert_eq!(senders, Some((incarnation, incarnation)));
 }

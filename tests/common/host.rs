@@ -7,6 +7,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, OnceLock};
 use std::thread::JoinHandle;
 
+use ipc_types::Profile;
 use runtime::{HostStall, MEASURED_FOR};
 
 /// The host's stalls, measured once for each test program.
@@ -41,6 +42,12 @@ impl Hogs {
             })
             .collect();
         Self { stop, threads }
+    }
+
+    /// The same beside a rig of the real-time profile, whose scheduling class must keep other
+    /// programs from delaying it; none beside others.
+    pub fn in_realtime(number: usize, profile: Profile) -> Option<Self> {
+        (profile == Profile::Realtime).then(|| Self::start(number))
     }
 }
 

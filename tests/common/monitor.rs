@@ -302,9 +302,7 @@ impl Monitor {
     /// Keeps this many cores busy at normal priority while the monitor lives, in the real-time
     /// profile only: its scheduling class must keep other programs from delaying the rig.
     pub fn load(&mut self, cores: usize) {
-        if self.profile() == Profile::Realtime {
-            self.hogs = Some(Hogs::start(cores));
-        }
+        self.hogs = Hogs::in_realtime(cores, self.profile());
     }
 
     /// Whether it publishes setpoints (it does from the beginning).

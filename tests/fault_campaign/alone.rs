@@ -13,11 +13,11 @@ use crate::common::host::Hogs;
 use crate::expected::Expected;
 use crate::host_stalls::{HostStalls, SLICE};
 use crate::host_troubles::HostTrouble;
+use crate::strike::LOAD;
+use crate::table::sorted;
 
 /// How often each trouble comes.
 const TIMES: usize = 10;
-/// Programs that take processor time meanwhile, as in the campaign.
-const HOGS: usize = 2;
 /// Before each, about as much as lies between two injections.
 const PAUSE: Duration = Duration::from_secs(3);
 
@@ -32,11 +32,16 @@ pub struct Alone {
 
 impl Alone {
     /// Measures every trouble that must leave the motor its power and needs no rig. None may run.
-    /// `folder` is on the disk of the recordings.
-    pub fn measure_all(profile: Profile, folder: &Path) -> BTreeMap<&'static str, Self> {
+    /// Those whose names do not contain `only` are left out. `folder` is on the disk of the
+    /// recordings.
+    pub fn measure_all(
+        profile: Profile,
+        folder: &Path,
+        only: &str,
+    ) -> BTreeMap<&'static str, Self> {
         let mut found = BTreeMap::new();
         for trouble in HostTrouble::WITHOUT_RIG {
-            if trouble.expected(profile) == Expected::Stays {
+            if trouble.name().contains(only) && trouble.expected(profile) == Expected::Stays {
                 let alone = Self::measure(trouble, profile, folder);
                 eprintln!("{}: {}", trouble.name(), alone.text());
                 found.insert(trouble.name(), alone);
@@ -48,7 +53,7 @@ impl Alone {
     fn measure(trouble: HostTrouble, profile: Profile, folder: &Path) -> Self {
         let stalls = HostStalls::watch();
         // As in the campaign.
-        let _hogs = (profile == Profile::Realtime).then(|| Hogs::start(HOGS));
+        let _hogs = Hogs::in_realtime(LOAD, profile);
         let once = |_| {
             std::thread::sleep(PAUSE);
             let began_ns = now_ns();
@@ -57,8 +62,7 @@ impl Alone {
             std::thread::sleep(SLICE + Duration::from_millis(20));
             stalls.longest_ms(began_ns)
         };
-        let mut longest_ms: Vec<f64> = (0..TIMES).map(once).collect();
-        longest_ms.sort_by(f64::total_cmp);
+        let longest_ms = sorted((0..TIMES).map(once).collect());
         let allowed_ms = Timeouts::of(profile).enable_line_pause_ns as f64 * 1e-6;
         Self { longest_ms, allowed_ms }
     }

@@ -107,9 +107,7 @@ impl HostTrouble {
             Self::AnotherUser => reach_as_another_user(rig),
         }
     }
-}
 
-impl HostTrouble {
     /// Makes one of [`HostTrouble::WITHOUT_RIG`], and ends it; what is written goes to this folder.
     pub fn make_without_rig(self, folder: &Path) {
         match self {

@@ -147,7 +147,7 @@ fn run_inner(directory: &Path, to: &Path, profile: Option<Profile>) {
     assert!(status.success(), "the campaign in profile {profile:?}: {status}");
 }
 
-fn target() -> Target {
+fn target(only: &str) -> Target {
     let rig = match chosen_profile() {
         Some(profile) => TestRig::of_profile("campaign", profile),
         None => TestRig::new("campaign"),
@@ -155,12 +155,12 @@ fn target() -> Target {
     let disks = std::env::var_os(DISKS).map(PathBuf::from);
     let disks =
         disks.map(|at| PrivateDisks { tiny: at.join("tiny"), read_only: at.join("read-only") });
-    Target::new(rig, disks, 20)
+    Target::new(rig, disks, only, 20)
 }
 
 fn campaign(to: &Path) {
-    let mut target = target();
     let only = std::env::var(KINDS).unwrap_or_default();
+    let mut target = target(&only);
     let mut kinds: Vec<Kind> =
         kinds::list().into_iter().filter(|kind| kind.name.contains(&only)).collect();
     kinds.retain(|kind| match kind.injection {

@@ -34,6 +34,8 @@ const FAST: [(&str, &[&str]); 4] = [
     ("command", &["control", "acquisition", "simulator"]),
     ("token", &["watchdog"]),
 ];
+/// Programs that take processor time meanwhile, in realtime.
+pub const LOAD: usize = 2;
 /// How long after its start a successor is killed (ms), at most.
 const YOUNG_MS: u64 = 50;
 
@@ -85,13 +87,13 @@ fn bring_up(rig: &TestRig, record: &Path) -> Output {
 }
 
 impl Target {
-    pub fn new(rig: TestRig, disks: Option<PrivateDisks>, seed: u64) -> Self {
+    pub fn new(rig: TestRig, disks: Option<PrivateDisks>, only: &str, seed: u64) -> Self {
         let record = rig.path("run.mcap");
-        let alone = Alone::measure_all(rig.profile(), &rig.path("."));
+        let alone = Alone::measure_all(rig.profile(), &rig.path("."), only);
         let up = bring_up(&rig, &record);
         assert!(up.status.success(), "{}", told(&up));
         let mut monitor = Monitor::join(rig.name());
-        monitor.load(2);
+        monitor.load(LOAD);
         let random = StdRng::seed_from_u64(seed);
         Self { rig, monitor, record, disks, stalls: HostStalls::watch(), alone, random }
     }

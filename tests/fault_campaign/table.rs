@@ -117,7 +117,7 @@ fn milliseconds(ticks: u64) -> f64 {
     (ticks * TICK_NS) as f64 * 1e-6
 }
 
-fn sorted(mut values: Vec<f64>) -> Vec<f64> {
+pub fn sorted(mut values: Vec<f64>) -> Vec<f64> {
     values.sort_by(f64::total_cmp);
     values
 }
@@ -238,10 +238,10 @@ pub fn write_page(outcomes: &[Outcome]) {
         writeln!(page, "{summary}\n").unwrap();
         writeln!(page, "| {} |", HEAD.join(" | ")).unwrap();
         writeln!(page, "|---|{}", "--:|".repeat(HEAD.len() - 1)).unwrap();
-        for row in rows(outcomes, profile) {
+        let rows = rows(outcomes, profile);
+        for row in &rows {
             writeln!(page, "| {} | {} |", row.kind, row.cells().join(" | ")).unwrap();
         }
-        let rows = rows(outcomes, profile);
         let undecided: Vec<String> = rows.iter().filter_map(Row::why_undecided).collect();
         write_list(&mut page, "Undecided", &undecided);
         let causes: Vec<String> = rows.iter().filter_map(Row::causes).collect();
