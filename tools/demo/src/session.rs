@@ -8,8 +8,8 @@ use std::time::{Duration, Instant};
 use anyhow::{Context as _, bail};
 use ipc_types::{
     CARD_SCAN, COMMAND, CardScan, EnableToken, ExperimentRequest, GateCause, GateState,
-    LoggerRequest, MotorCommand, Process, PulseSource, SAMPLE, Sample, SimulatorRequest, TOKEN,
-    TripCause, Verb, WatchdogState,
+    LoggerRequest, MotorCommand, Process, PulseSource, SAMPLE, Sample, SimulatorRequest, Split,
+    TOKEN, TripCause, Verb, WatchdogState,
 };
 use operator::{RigLink, Up};
 use rig::load_protocol;
@@ -272,7 +272,11 @@ impl<'a> Session<'a> {
     /// Plays a protocol to its end into a recording of its own, and takes power away.
     pub(crate) fn record(&mut self, protocol: &Protocol, file: &Path) -> anyhow::Result<()> {
         let path = file.to_str().context("expected a path in UTF-8")?.to_owned();
-        let begun = self.link.logger(&LoggerRequest::Start { path, metadata: Vec::new() })?;
+        let begun = self.link.logger(&LoggerRequest::Start {
+            path,
+            metadata: Vec::new(),
+            split: Split::default(),
+        })?;
         if !begun.error.is_empty() {
             bail!("the logger reports: {}", begun.error);
         }
