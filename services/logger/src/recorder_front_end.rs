@@ -289,6 +289,8 @@ impl RecorderFrontEnd {
         }
         self.send(Command::Stop { losses: self.all_losses() })?;
         self.stopping = true;
+        // An error of a part before is no error of this; the end tells its own.
+        self.error.clear();
         Ok(())
     }
 

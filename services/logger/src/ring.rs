@@ -160,6 +160,19 @@ mod tests {
     }
 
     #[test]
+    fn a_part_that_was_created_while_another_was_ended_belongs_to_the_ring() {
+        let split = Split { every_ns: Some(10), keep_ns: Some(30), every_bytes: None };
+        let (ring_parts, part) = (vec![(1, 10)], 2);
+        let killed = StartRequest { split, part, ring_parts, created: 4, ..Default::default() };
+        let next = killed.clone().next_part(Default::default());
+        assert_eq!((next.part, next.created), (5, 0));
+        assert_eq!(next.ring_parts, [(1, 10), (2, 0), (4, 0)], "the third is somebody's");
+        let split = Split { keep_ns: None, ..split };
+        let next = StartRequest { split, ..killed }.next_part(Default::default());
+        assert_eq!((next.part, next.ring_parts.len()), (5, 1), "no ring");
+    }
+
+    #[test]
     fn what_cannot_be_removed_is_counted() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("ring.mcap");

@@ -39,6 +39,10 @@ pub struct StartRequest {
     /// CLOCK_MONOTONIC]; 0 where that is not known.
     #[serde(default)]
     pub ring_parts: Vec<(u32, u64)>,
+    /// The number of a part whose file was created while the one before it was still being ended;
+    /// 0 at other times.
+    #[serde(default)]
+    pub created: u32,
     /// Where the part before ended; empty for part 1. The messages between are counted as lost.
     #[serde(skip)]
     pub continues: Positions,
@@ -52,8 +56,10 @@ impl StartRequest {
         let mut ring_parts = self.ring_parts;
         if self.split.keep_ns.is_some() {
             ring_parts.push((self.part, 0));
+            ring_parts.extend(Some((self.created, 0)).filter(|(created, _)| *created > 0));
         }
-        Self { part: self.part + 1, continues, ring_parts, ..self }
+        let part = self.part.max(self.created).saturating_add(1);
+        Self { part, created: 0, continues, ring_parts, ..self }
     }
 }
 

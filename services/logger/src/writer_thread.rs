@@ -8,6 +8,7 @@ use std::sync::mpsc::{Receiver, Sender, TryRecvError};
 use std::time::Duration;
 
 use ipc_types::{LossCounters, TOPICS};
+use recording::mcap_read::Recording;
 use recording::mcap_write::{Position, Positions, Start, Summary, WriteError, Writer, key};
 use recording::word;
 
@@ -217,7 +218,7 @@ impl<'a> Disk<'a> {
         }
     }
 
-    fn start(&mut self, generation: u32, request: StartRequest) {
+    fn start(&mut self, generation: u32, mut request: StartRequest) {
         self.generation = generation;
         let shared = &self.end.shared;
         for count in shared.written.iter().chain(&shared.refused) {
@@ -230,15 +231,16 @@ impl<'a> Disk<'a> {
         }
         // From here on the counters are those of this recording.
         shared.generation.store(generation, Ordering::Release);
-        match self.open(&request, self.now_ns()) {
+        let now_ns = self.now_ns();
+        self.ring = Ring::of(&request, now_ns);
+        // A logger that dies again and again may never end a part; and before the file is created,
+        // for which there may be no room otherwise.
+        self.ring.remove_old(&mut request, now_ns);
+        match self.open(&request, now_ns) {
             Ok((part, writer)) => {
                 let path = writer.path().to_owned();
                 self.writer = Some(writer);
                 self.state = StartRequest { part, ..request };
-                let now_ns = self.now_ns();
-                self.ring = Ring::of(&self.state, now_ns);
-                // A logger that dies again and again may never end a part.
-                self.ring.remove_old(&mut self.state, now_ns);
                 self.save_state();
                 self.report(Outcome::Started { path, ring: self.ring.parts(&self.state) });
             }
@@ -283,13 +285,15 @@ impl<'a> Disk<'a> {
         let mut request = self.state.clone();
         request.part += 1;
         request.metadata.extend(metadata);
-        let newest = self.parts.iter().zip(TOPICS);
-        let newest = newest.filter_map(|(of, topic)| Some((topic.name.to_owned(), of.position?)));
-        request.continues = newest.collect::<Positions>();
+        request.continues = self.positions();
         let (part, writer) = match self.open(&request, at_ns) {
             Ok(opened) => opened,
             Err(error) => return self.not_split(&error, removed),
         };
+        // Ending the present part may take the disk seconds: a logger that takes over must know of
+        // the file of the next one.
+        self.state.created = part;
+        self.save_state();
         let path = writer.path().to_owned();
         let Some(mut ended) = self.writer.replace(writer) else { return };
         // The counters must hold what the last flush refuses; `finish` returns its error.
@@ -309,9 +313,23 @@ impl<'a> Disk<'a> {
         self.end.shared.part_bytes.store(0, Ordering::Relaxed);
         let bytes = ended.as_ref().map_or(flushed_bytes, |summary| summary.bytes);
         self.ring.end_part(&mut request, self.state.part, at_ns, bytes);
-        self.state = StartRequest { part, ..request };
+        self.state = StartRequest { part, created: 0, ..request };
         self.save_state();
         self.report(Outcome::NextPart { path, ended, ring: self.ring.parts(&self.state) });
+    }
+
+    /// Where the present part ends: behind the newest messages, or where its file failed, behind
+    /// those that are in it.
+    fn positions(&self) -> Positions {
+        let failed = self.writer.as_ref().filter(|writer| writer.error().is_some());
+        if let Some(failed) = failed
+            && let Ok(part) = Recording::open_damaged(failed.path())
+            && let Ok(found) = part.end_positions()
+        {
+            return found;
+        }
+        let newest = self.parts.iter().zip(TOPICS);
+        newest.filter_map(|(of, topic)| Some((topic.name.to_owned(), of.position?))).collect()
     }
 
     /// Tells that the next part could not be begun, for which old ones may have been `removed`.

@@ -10,6 +10,7 @@ use recording::mcap_edit::{EditReport, check_one_session, rewrite};
 use recording::mcap_read::{Recording, Selection};
 use recording::mcap_write::key;
 
+use crate::all_parts::open_all;
 use crate::inspect::grouped;
 use crate::progress::Progress;
 use crate::replacements::note_for_copy;
@@ -85,8 +86,7 @@ pub(crate) fn merge(
     json: bool,
     out: &mut dyn Write,
 ) -> anyhow::Result<i32> {
-    let recordings =
-        files.iter().map(|file| Recording::open(file)).collect::<Result<Vec<_>, _>>()?;
+    let recordings = open_all(files)?;
     let sources: Vec<&Recording> = recordings.iter().collect();
     if !force {
         check_one_session(&sources)?;
@@ -117,7 +117,8 @@ pub struct Copied {
     pub messages: u64,
     /// The interval that they make [ns, CLOCK_MONOTONIC].
     pub times_ns: Range<u64>,
-    /// Whether messages are missing: one of the parts was cut off, or is damaged.
+    /// Whether messages are missing: one of the parts was cut off or is damaged, or the copy has
+    /// gaps.
     pub lost: bool,
 }
 
@@ -137,7 +138,8 @@ pub fn copy_interval(
     for Part { name, at } in parts {
         let recording = Recording::open(at).with_context(|| name.display().to_string())?;
         offset_ns = recording.realtime_offset_ns().unwrap_or(offset_ns);
-        let span_ns = recording.contents_or_check()?.span_ns();
+        let contents = recording.contents_or_check();
+        let span_ns = contents.with_context(|| name.display().to_string())?.span_ns();
         found.push((recording, name.as_path(), span_ns));
     }
     let [from_ns, until_ns] =
@@ -164,18 +166,21 @@ pub fn copy_interval(
     let Some(first) = sources.first() else {
         bail!("the ring holds nothing of this time");
     };
-    check_one_session(&sources)?;
     let mut how = with_replaced(how("snapshot", &names), first, Some(from_ns))?;
     how.extend(notes);
-    let report = rewrite(&sources, Some(from_ns), Some(until_ns), &how, to)?;
-    let copied_ns = Recording::open(to)?.contents()?.and_then(|contents| contents.span_ns());
-    let (first_ns, last_ns) = copied_ns.unwrap_or((from_ns, from_ns));
+    // The parts are read by other names than theirs.
+    let report = check_one_session(&sources)
+        .and_then(|()| rewrite(&sources, Some(from_ns), Some(until_ns), &how, to))
+        .with_context(|| how["sources"].clone())?;
+    // A logger that was ended for a while, or a queue that was full, leave parts that are whole.
+    let check = Recording::open(to)?.check()?;
+    let (first_ns, last_ns) = check.span_ns().unwrap_or((from_ns, from_ns));
     let [first_ns, last_ns] =
         [first_ns, last_ns].map(|at_ns| at_ns.saturating_add_signed(-offset_ns));
     Ok(Copied {
         messages: report.messages,
         times_ns: first_ns..last_ns,
-        lost: lost || report.damaged_chunks > 0,
+        lost: lost || report.damaged_chunks > 0 || check.data_lost(),
     })
 }
 

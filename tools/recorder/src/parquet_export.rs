@@ -88,7 +88,13 @@ pub(crate) fn write_topic(
     let rows = |columns: &[TopicColumn<'_>], messages: &[RawMessage]| {
         values_of(recording, columns, messages)
     };
-    each_part(recording, topic, selection, rows, |_, rows| {
+    each_part(recording, topic, selection, rows, |found, rows| {
+        if found != layout {
+            bail!(
+                "{path}: the fields of topic {topic} are not the same from beginning to end, as \
+                 one table needs them: export the files it was merged from, or --to csv"
+            );
+        }
         if let Some(Values::I64(values)) = sender.and_then(|sender| rows.get(sender)) {
             for value in values.iter().map(|value| value.cast_unsigned()) {
                 if incarnations.last() != Some(&value) && !incarnations.contains(&value) {

@@ -118,7 +118,7 @@ impl Values {
             (Self::I64(values), Self::I64(rows)) => values.extend(rows),
             (Self::F64(values), Self::F64(rows)) => values.extend(rows),
             (Self::Text(values), Self::Text(rows)) => values.extend(rows),
-            (values, rows) => bail!("a column of {values:?} cannot take {rows:?}"),
+            _ => bail!("a column cannot take values of another kind"),
         }
         Ok(())
     }

@@ -119,3 +119,21 @@ fn what_a_torn_part_lacks_is_told_where_it_belongs_to_the_interval() {
     assert_eq!(copy(150, 190), (10, true));
     assert_eq!(copy(130, 300), (30, true));
 }
+
+#[test]
+fn a_gap_between_parts_that_are_whole_is_told() {
+    let folder = Folder::new();
+    let ring = folder.path("ring.mcap");
+    // The logger was ended for a while.
+    for (number, samples) in [(1, 0..100), (2, 120..200)] {
+        write_part(&part_path(&ring, number), number, samples).finish(&[]).unwrap();
+    }
+    let part = |number| Part { name: part_path(&ring, number), at: part_path(&ring, number) };
+    let parts: Vec<Part> = (1..3).map(part).collect();
+    for (from, until, messages, lost) in [(50, 150, 50 + 30, true), (130, 180, 50, false)] {
+        let out = folder.path(&format!("{from}.mcap"));
+        let times_ns = at_ns(from)..at_ns(until);
+        let copied = copy_interval(&parts, times_ns, BTreeMap::new(), &out).unwrap();
+        assert_eq!((copied.messages, copied.lost), (messages, lost));
+    }
+}

@@ -22,13 +22,12 @@ impl Logger {
                 (EventKind::RecordingStarted, Severity::Info, [0.0; 3])
             }
             Outcome::NotStarted { .. } => (EventKind::RecordingStopped, Severity::Error, [0.0; 3]),
-            Outcome::Stopped(Summary { written, bytes, .. }) => {
-                let values = [*written as f64, lost, *bytes as f64];
+            Outcome::Stopped(Summary { bytes, .. }) => {
+                let values = [written, lost, *bytes as f64];
                 (EventKind::RecordingStopped, Severity::Info, values)
             }
-            Outcome::StoppedWithError { refused, .. } => {
-                let values = [written, *refused as f64, 0.0];
-                (EventKind::RecordingStopped, Severity::Error, values)
+            Outcome::StoppedWithError { .. } => {
+                (EventKind::RecordingStopped, Severity::Error, [written, lost, 0.0])
             }
             Outcome::Failed { .. } => (EventKind::DataLost, Severity::Error, [lost, 0.0, 0.0]),
             Outcome::StateNotKept { .. } | Outcome::NotSplit { .. } => {

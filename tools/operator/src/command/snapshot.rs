@@ -2,19 +2,20 @@
 
 use std::collections::BTreeMap;
 use std::fs::File;
+use std::io::ErrorKind;
 use std::os::fd::AsRawFd;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, bail};
 use clap::{Args, ValueEnum};
-use ipc_types::{EnableToken, LoggerRequest, RingStatus, TOKEN, WatchdogState};
+use ipc_types::{EnableToken, LoggerAnswer, LoggerRequest, RingStatus, TOKEN, WatchdogState};
 use recorder::{Copied, Part};
 use runtime::clock::{SECOND_NS, now_ns};
 use runtime::{RequestError, RigName};
 use serde_json::json;
 
-use super::actions::{accepted, link};
+use super::actions::link;
 use super::{OutputFormat, print};
 use crate::{DATA_LOST, DONE, Error, RigLink};
 
@@ -58,16 +59,24 @@ pub enum Trigger {
 struct Held(BTreeMap<u32, (PathBuf, File)>);
 
 impl Held {
-    fn take_hold(&mut self, ring: &RingStatus) {
+    fn take_hold(&mut self, ring: &RingStatus) -> anyhow::Result<()> {
         for number in &ring.parts {
+            if self.0.contains_key(number) {
+                continue;
+            }
             let path = recording::part_path(Path::new(&ring.first), *number);
-            // The oldest may be gone by now.
-            if !self.0.contains_key(number)
-                && let Ok(file) = File::open(&path)
-            {
-                self.0.insert(*number, (path, file));
+            match File::open(&path) {
+                Ok(file) => {
+                    self.0.insert(*number, (path, file));
+                }
+                // The oldest may be gone by now.
+                Err(error) if error.kind() == ErrorKind::NotFound => {}
+                Err(error) => {
+                    return Err(error).with_context(|| format!("{}: cannot read", path.display()));
+                }
             }
         }
+        Ok(())
     }
 
     /// Those before the present one.
@@ -90,7 +99,7 @@ pub(super) fn snapshot(rig_name: &RigName, arguments: &SnapshotArguments) -> any
     let SnapshotArguments { file, before, after, on, json: OutputFormat { json } } = arguments;
     check_creatable(file)?;
     let link = link(rig_name)?;
-    let length = Duration::from_nanos(ring(&link)?.keep_ns);
+    let length = Duration::from_nanos(patient(|| ring(&link))?.keep_ns);
     let before = before.unwrap_or(length);
     check_times(before, *after, length)?;
     let at_ns = match on {
@@ -98,7 +107,7 @@ pub(super) fn snapshot(rig_name: &RigName, arguments: &SnapshotArguments) -> any
         Some(Trigger::Trip) => trip(&link)?,
     };
     let mut held = Held::default();
-    held.take_hold(&patient(|| ring(&link))?);
+    held.take_hold(&patient(|| ring(&link))?)?;
     let [before_ns, after_ns] =
         [before, *after].map(|time| u64::try_from(time.as_nanos()).unwrap_or(u64::MAX));
     let until_ns = at_ns.saturating_add(after_ns);
@@ -106,19 +115,24 @@ pub(super) fn snapshot(rig_name: &RigName, arguments: &SnapshotArguments) -> any
         std::thread::sleep(HOLD.min(Duration::from_nanos(left_ns)));
         // A logger that is away is back by the next time, or does not answer in the end.
         if let Ok(ring) = ring(&link) {
-            held.take_hold(&ring);
+            held.take_hold(&ring)?;
         }
     }
     // The parts up to there are whole then.
-    let answer = accepted(patient(|| link.logger(&LoggerRequest::NextPart))?)?;
-    let Some(ring) = answer.ring else { bail!(no_ring()) };
-    held.take_hold(&ring);
+    let LoggerAnswer { ring, error, .. } = patient(|| link.logger(&LoggerRequest::NextPart))?;
+    let Some(ring) = ring else { return Err(Error::Logger(error).into()) };
+    // Where its disk failed, what is there is still worth having.
+    if !error.is_empty() {
+        eprintln!("farreach: {error}");
+    }
+    held.take_hold(&ring)?;
     let times_ns = at_ns.saturating_sub(before_ns)..until_ns;
     let cause = on.map_or("command", |Trigger::Trip| "trip");
     let notes = [("trigger", cause.to_owned()), ("trigger_ns", at_ns.to_string())];
     let notes = notes.map(|(key, value)| (key.to_owned(), value)).into();
     let Copied { messages, times_ns: found, lost } =
         recorder::copy_interval(&held.ended(&ring), times_ns, notes, file)?;
+    let lost = lost || !error.is_empty();
     let [before_s, after_s] = [at_ns as f64 - found.start as f64, found.end as f64 - at_ns as f64]
         .map(|ns| ns / SECOND_NS as f64);
     let value = json!({
@@ -311,9 +325,9 @@ mod tests {
             parts: parts.to_vec(),
             ..RingStatus::default()
         };
-        held.take_hold(&ring(&[1, 2, 3]));
+        held.take_hold(&ring(&[1, 2, 3])).unwrap();
         std::fs::remove_file(path(2)).unwrap();
-        held.take_hold(&ring(&[3, 4]));
+        held.take_hold(&ring(&[3, 4])).unwrap();
         let ended = held.ended(&ring(&[3, 4]));
         let found: Vec<_> =
             ended.iter().map(|part| std::fs::read_to_string(&part.at).unwrap()).collect();
