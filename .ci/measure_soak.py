@@ -26,7 +26,7 @@ SETTLED_S = 300
 LOOKERS = [
     ("probe", "echo", "sample"),
     ("probe", "echo", "timing/control"),
-    ("probe", "hz", "command"),
+    ("probe", "echo", "command"),
 ]
 SUBPROTOCOL = "foxglove.sdk.v1"
 FRAME_OF_MESSAGE = 1
@@ -44,7 +44,7 @@ class Client(threading.Thread):
         super().__init__(daemon=True)
         from websockets.sync.client import connect  # the other measurements do without
         self.socket = connect(address, max_size=None, **options)
-        self.frames, self.failed = 0, None
+        self.address, self.frames, self.failed = address, 0, None
 
     def run(self):
         try:
@@ -60,8 +60,7 @@ class Client(threading.Thread):
     def check(self):
         """Ends the measurement where it has failed."""
         if self.failed:
-            raise RuntimeError(f"{type(self).__name__} of {self.socket.remote_address}: "
-                               f"{self.failed}")
+            raise RuntimeError(f"{type(self).__name__} of {self.address}: {self.failed}")
 
     def end(self):
         """Closes; how many frames came."""

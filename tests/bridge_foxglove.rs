@@ -287,7 +287,8 @@ fn the_viewers_own_client_decodes_it(bridge: &Bridge) {
     let first_to_last = sequence(&samples[SAMPLES - 1]) - sequence(&samples[0]);
     let holes = first_to_last - (SAMPLES as u64 - 1);
     assert!(samples.windows(2).all(|pair| sequence(&pair[1]) > sequence(&pair[0])));
-    let line = bridge.line("viewer 6 ", " left: ");
+    // It ends amid the stream: whether it left or broke off is a race.
+    let line = bridge.line("viewer 6 ", " dropped");
     let counted =
         number_before(&line, " lost before the bridge") + number_before(&line, " dropped");
     assert!(holes <= counted, "{holes} holes, and the bridge says: {line}");

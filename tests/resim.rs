@@ -6,6 +6,7 @@
 
 mod common;
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::{Output, Stdio};
 use std::time::Duration;
@@ -166,29 +167,35 @@ fn altered(
     json(&output)
 }
 
-/// Alters the position of one setpoint: it is the only one of the experiment that differs.
+/// Alters the position of one setpoint of each run: these alone differ, of the runs in which the
+/// host lost no message before.
 fn alter_setpoint(rig: &TestRig, file: &Path) {
     let recording = Recording::open(file).unwrap();
-    let setpoints: Vec<Setpoint> = messages(&recording, SETPOINT.topic.name);
-    let moves = |one: &&Setpoint| one.velocity[0] != 0.0;
-    let mut other = *setpoints.iter().filter(moves).nth(1500).unwrap();
-    other.position[0] = f64::from_bits(other.position[0].to_bits() ^ 1);
-    let found = altered(
-        rig,
-        &recording,
-        |_| {},
-        |one| {
-            if (one.incarnation, one.sequence) == (other.incarnation, other.sequence) {
-                *one = other;
-            }
-        },
-    );
+    let mut runs: BTreeMap<(u64, u32), Vec<Setpoint>> = BTreeMap::new();
+    for one in messages::<Setpoint>(&recording, SETPOINT.topic.name) {
+        if one.velocity[0] != 0.0 {
+            runs.entry((one.incarnation, one.run)).or_default().push(one);
+        }
+    }
+    let chosen = runs.values().map(|run| run[run.len() / 2]);
+    let chosen: BTreeMap<(u64, u64), Setpoint> =
+        chosen.map(|one| ((one.incarnation, one.sequence), one)).collect();
+    let change = |one: &mut Setpoint| {
+        if chosen.contains_key(&(one.incarnation, one.sequence)) {
+            one.position[0] = f64::from_bits(one.position[0].to_bits() ^ 1);
+        }
+    };
+    let found = altered(rig, &recording, |_| {}, change);
     let experiment = &found["cores"][4];
-    assert_eq!(experiment["differing"], 1, "{experiment}");
+    let differing = experiment["differing"].as_u64().unwrap();
+    assert!((1..=chosen.len() as u64).contains(&differing), "{experiment}");
     let first = &experiment["first_difference"];
     assert_eq!((&first["topic"], &first["field"]), (&"setpoint".into(), &"position[0]".into()));
-    assert_eq!(first["sequence"], other.sequence);
-    assert_eq!(first["tick"], other.sample_tick);
+    let sequence = first["sequence"].as_u64().unwrap();
+    let one = chosen
+        .values()
+        .find(|one| one.sequence == sequence && Some(one.sample_tick) == first["tick"].as_u64());
+    assert!(one.is_some(), "{first}");
     let topics: Vec<_> =
         first["inputs"].as_array().unwrap().iter().map(|used| &used["topic"]).collect();
     assert_eq!(topics, ["sample", "token", "setpoint"]);

@@ -15,6 +15,14 @@
 //! is slow or vanishes at its other end loses messages, which are counted; the rig never waits.
 #![deny(unsafe_code)]
 
+/// Says something on standard error. Whoever has closed it is not told, and nothing else ends.
+macro_rules! say {
+    ($($words:tt)*) => {{
+        use std::io::Write as _;
+        let _closed = writeln!(std::io::stderr(), $($words)*);
+    }};
+}
+
 mod args;
 mod foxglove;
 mod lsl;

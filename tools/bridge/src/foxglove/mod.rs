@@ -45,7 +45,7 @@ pub(crate) fn run(args: &FoxgloveArgs, rig: &RigName, out: &mut dyn Write) -> an
     let site = Arc::new(Site::new(&args.origins, welcome, topics.len()));
     let server = server::start(Arc::clone(&site), listener)?;
     if !args.host.is_loopback() {
-        eprintln!("whoever reaches {address} can read what is measured; there is no encryption");
+        say!("whoever reaches {address} can read what is measured; there is no encryption");
     }
     writeln!(out, "ws://{address}")?;
     out.flush()?;
@@ -134,17 +134,15 @@ impl Forwarder {
     /// Says on standard error what became of the messages.
     fn tell_end(&self, source: &Attached) {
         self.site.each(|viewer| {
-            eprintln!("viewer {} ({}) to the end: {}", viewer.number, viewer.from, viewer.counts());
+            say!("viewer {} ({}) to the end: {}", viewer.number, viewer.from, viewer.counts());
         });
         for (feed, stream) in self.feeds.iter().zip(source.streams()) {
             let (name, skipped, lost) = (feed.topic.name, feed.thinning.skipped(), stream.lost());
             if skipped > 0 {
-                eprintln!(
-                    "{skipped} messages of {name} were skipped by --every; they were not lost"
-                );
+                say!("{skipped} messages of {name} were skipped by --every; they were not lost");
             }
             if lost > 0 {
-                eprintln!("{lost} messages of {name} were lost before the bridge: it was late");
+                say!("{lost} messages of {name} were lost before the bridge: it was late");
             }
         }
     }

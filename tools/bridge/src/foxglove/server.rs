@@ -104,7 +104,7 @@ impl Site {
             let origin: String = origin.unwrap_or_default().chars().take(200).collect();
             let mut refused = lock(&self.refused);
             if refused.len() < ORIGINS_TOLD && refused.insert(origin.clone()) {
-                eprintln!("a page of {origin:?} was refused; --origin admits it");
+                say!("a page of {origin:?} was refused; --origin admits it");
             }
             let text = "a page of another site; a bridge that is started with --origin admits it\n";
             return Err((StatusCode::FORBIDDEN, text.to_owned()));
@@ -130,7 +130,7 @@ pub(crate) fn start(site: Arc<Site>, listener: TcpListener) -> anyhow::Result<Jo
     let run = move || {
         let served: std::io::Result<()> = serve();
         if let Err(error) = served {
-            eprintln!("the web server: {error}");
+            say!("the web server: {error}");
         }
     };
     std::thread::Builder::new().name("web".to_owned()).spawn(run).context("starting a thread")
@@ -169,16 +169,16 @@ async fn serve(socket: WebSocket, from: SocketAddr, site: Arc<Site>) {
         return;
     };
     let (number, from) = (viewer.number, &viewer.from);
-    eprintln!("viewer {number} ({from}) is there");
+    say!("viewer {number} ({from}) is there");
     let end = tokio::select! {
         end = listen(&mut reading, &viewer) => end,
         end = talk(&mut writing, &site.welcome, &mut outbox) => end,
     };
     site.leave(&viewer);
     match end {
-        Ok(()) => eprintln!("viewer {number} ({from}) left: {}", viewer.counts()),
+        Ok(()) => say!("viewer {number} ({from}) left: {}", viewer.counts()),
         Err(why) => {
-            eprintln!("viewer {number} ({from}) was disconnected, {why}: {}", viewer.counts());
+            say!("viewer {number} ({from}) was disconnected, {why}: {}", viewer.counts());
             close(&mut writing, why).await;
         }
     }

@@ -113,20 +113,18 @@ impl Viewer {
     pub(crate) fn request(&self, text: Result<&str, &'static str>) -> Result<(), &'static str> {
         let request = text.map_err(str::to_owned).and_then(protocol::parse);
         let mut state = lock(&self.state);
-        let result = match request {
+        let mut errors: Vec<String> = Vec::new();
+        match request {
             Ok(Request::Subscribe { subscriptions }) => {
-                subscriptions.iter().try_for_each(|wish| state.subscribe(wish))
+                errors.extend(subscriptions.iter().filter_map(|wish| state.subscribe(wish).err()));
             }
-            Ok(Request::Unsubscribe { subscription_ids }) => {
-                state.unsubscribe(&subscription_ids);
-                Ok(())
-            }
-            Err(error) => Err(error),
-        };
-        if let Err(error) = result {
+            Ok(Request::Unsubscribe { subscription_ids }) => state.unsubscribe(&subscription_ids),
+            Err(error) => errors.push(error),
+        }
+        if !errors.is_empty() {
             state.refused += 1;
             // Where many wait already, it has been told.
-            let _told = self.tell(Level::Error, "refused", &error);
+            let _told = self.tell(Level::Error, "refused", &errors.join("; "));
             if state.refused > REFUSED {
                 return Err("too many requests that cannot be fulfilled");
             }

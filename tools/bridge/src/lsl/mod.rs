@@ -37,12 +37,12 @@ pub(crate) fn run(args: &LslArgs, rig_name: &RigName, out: &mut dyn Write) -> an
     let named = Named { rig_name: rig_name.as_str(), rig: &rig, computer: &computer, clock };
     let mut outlets = Outlets::new(&lsl, &named, &topics, &source, out)?;
     out.flush()?;
-    eprintln!("liblsl {}; its clock is CLOCK_MONOTONIC + {clock}", lsl.version());
+    say!("liblsl {}; its clock is CLOCK_MONOTONIC + {clock}", lsl.version());
     let ended = outlets.run(&mut source);
     outlets.tell_end();
     let now = measure();
     if !clock.agrees(&now) {
-        eprintln!("the clocks have drifted: at the end the offset was {now}");
+        say!("the clocks have drifted: at the end the offset was {now}");
     }
     ended.map(|()| recorder::DONE)
 }
@@ -166,8 +166,8 @@ impl Outlets {
     /// Says on standard error what became of the messages.
     fn tell_end(&self) {
         for Numbers { topic, sent, lost, .. } in &self.numbers {
-            eprintln!("{topic}: {sent} samples sent, {lost} lost before the bridge");
+            say!("{topic}: {sent} samples sent, {lost} lost before the bridge");
         }
-        eprintln!("{} markers sent, {} events lost", self.markers_sent, self.events_lost);
+        say!("{} markers sent, {} events lost", self.markers_sent, self.events_lost);
     }
 }
