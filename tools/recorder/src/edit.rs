@@ -171,7 +171,7 @@ pub fn copy_interval(
     // The parts are read by other names than theirs.
     let report = check_one_session(&sources)
         .and_then(|()| rewrite(&sources, Some(from_ns), Some(until_ns), &how, to))
-        .with_context(|| how["sources"].clone())?;
+        .with_context(|| format!("copying out of {}", how["sources"]))?;
     // A logger that was ended for a while, or a queue that was full, leave parts that are whole.
     let check = Recording::open(to)?.check()?;
     let (first_ns, last_ns) = check.span_ns().unwrap_or((from_ns, from_ns));

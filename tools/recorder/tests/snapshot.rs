@@ -83,7 +83,7 @@ fn a_snapshot_has_every_message_of_its_interval_and_is_whole() {
     assert_eq!(edit.1["sources"], "ring.part3.mcap, ring.part4.mcap, ring.part5.mcap");
 
     let error = copy_interval(&parts, at_ns(250)..at_ns(430), notes.clone(), &out).unwrap_err();
-    assert!(error.to_string().contains("never overwritten"), "{error:#}");
+    assert!(format!("{error:#}").contains("never overwritten"), "{error:#}");
     let none = folder.path("none.mcap");
     let error = copy_interval(&parts, at_ns(900)..at_ns(910), notes, &none).unwrap_err();
     assert!(error.to_string().contains("nothing of this time"), "{error:#}");
