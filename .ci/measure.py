@@ -9,6 +9,7 @@
     .ci/measure.py demo 31 40          # the demo with these seeds
     .ci/measure.py harm --minutes 5    # what those who look do to the rig, beside bare loops
     .ci/measure.py peers               # beside other programs that do the same, in one run
+    .ci/measure.py soak --minutes 60   # losses and memory with everything attached
 
 Prints rows of Markdown, with what the host did meanwhile. Let nothing else run beside it. Its rig
 has a name of its own and is taken down in any case.
@@ -31,6 +32,7 @@ import tomllib
 
 import measure_harm
 import measure_peers
+import measure_soak
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 MOVEMENT = ["guided-1hz", "--set", "segments.0.duration_s=12"]
@@ -338,9 +340,15 @@ def main():
     arms.add_argument("--rounds", type=int, default=5, help="repeats of each arm")
     arms.add_argument("--profile", default="realtime", choices=("realtime", "best-effort"))
     measure_peers.add_arguments(what.add_parser("peers"))
+    long = what.add_parser("soak")
+    long.add_argument("--minutes", type=float, default=60.0)
+    long.add_argument("--profile", default="realtime", choices=("realtime", "best-effort"))
+    long.add_argument("--console", default="127.0.0.1:8321", help="address of the console")
+    long.add_argument("--port", type=int, default=8765, help="port of the bridge to Foxglove")
     options = parser.parse_args()
     command = {"tune": tune, "monitor": monitor, "protocols": protocols, "demo": demo,
-               "harm": measure_harm.harm, "peers": measure_peers.peers}
+               "harm": measure_harm.harm, "peers": measure_peers.peers,
+               "soak": measure_soak.soak}
     with contextlib.ExitStack() as stack:
         folder = options.keep or stack.enter_context(tempfile.TemporaryDirectory())
         pathlib.Path(folder).mkdir(parents=True, exist_ok=True)

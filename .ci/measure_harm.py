@@ -134,7 +134,8 @@ class Movement(threading.Thread):
     """Moves the handle for a time, and goes on where something trips the rig."""
 
     def __init__(self, rig, seconds):
-        super().__init__()
+        # Where the measurement fails, it does not wait for the rest of the time.
+        super().__init__(daemon=True)
         self.rig, self.until, self.trips = rig, time.monotonic() + seconds, 0
 
     def run(self):

@@ -23,6 +23,9 @@ COMMANDS = [
     ("export --to csv", ["export", "RUN", "--to", "csv", "-o", "OUT/record.csv"]),
     ("export --to csv --topic sample",
      ["export", "RUN", "--to", "csv", "--topic", "sample", "-o", "OUT/sample.csv"]),
+    ("export --to parquet", ["export", "RUN", "--to", "parquet", "-o", "OUT/record.parquet"]),
+    ("export --to parquet --topic sample",
+     ["export", "RUN", "--to", "parquet", "--topic", "sample", "-o", "OUT/sample.parquet"]),
     ("export --to mat", ["export", "RUN", "--to", "mat", "-o", "OUT/S07_"]),
     ("export --to bids", ["export", "RUN", "--to", "bids", "-o", "OUT/study"]),
     ("cut, the middle half",
@@ -63,7 +66,7 @@ def main():
     words = {"RUN": recording, "QUARTER": str(seconds / 4), "THREE": str(seconds * 3 / 4)}
     size = Path(recording).stat().st_size / 1e9
     print(f"{Path(recording).name}: {seconds:.0f} s, {size:.2f} GB, {os.cpu_count()} processors\n")
-    print(f"{'command':<32} {'s':>8} {'MiB':>8}  exit code")
+    print(f"{'command':<34} {'s':>8} {'MiB':>8}  exit code")
     for name, command in COMMANDS:
         out = tempfile.mkdtemp(prefix="measured-", dir=folder)
         try:
@@ -71,7 +74,7 @@ def main():
             log = os.path.join(out, "stderr")
             for _ in range(2 if name in READ_ONLY else 1):
                 code, taken, memory = run([farreach, "rec", *line], log)
-            print(f"{name:<32} {taken:>8.2f} {memory:>8.1f}  {code}", flush=True)
+            print(f"{name:<34} {taken:>8.2f} {memory:>8.1f}  {code}", flush=True)
             if code not in (0, 3):
                 print(Path(log).read_text(encoding="utf-8", errors="replace"))
         finally:

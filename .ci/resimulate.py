@@ -1,6 +1,7 @@
 #!/usr/bin/env python3
-"""Runs recordings again (`farreach rec resim`) and fails where a command, a decision of the gate or
-a token of the watchdog differs from what was recorded, or where there were too few recordings.
+"""Runs recordings again (`farreach rec resim`) and fails where a command, a decision of the gate, a
+token of the watchdog or a setpoint differs from what was recorded, or where there were too few
+recordings. Ends with what was compared of each core, and what was not, by reason.
 
 usage: .ci/resimulate.py FARREACH AT_LEAST FOLDER...
 """
@@ -29,12 +30,21 @@ def show_difference(core):
     print(f"    {core['core']}: {core['differing']} differ; first: {json.dumps(first)}")
 
 
+def count(of_cores, core):
+    """Adds what was compared of a core, and what was not, by reason."""
+    counts = of_cores.setdefault(core["core"], {"compared": 0})
+    counts["compared"] += core["compared"]
+    for why, number in core["not_compared"].items():
+        counts[why] = counts.get(why, 0) + number
+
+
 def main():
     program, at_least, *folders = sys.argv[1:]
     paths = sorted(path for folder in folders for path in pathlib.Path(folder).rglob("*.mcap"))
     # The command reads all parts of a recording.
     paths = [path for path in paths if not re.search(r"\.part\d+$", path.stem)]
     compared_files, compared, left_out, trips, differing = 0, 0, 0, 0, 0
+    of_cores = {}
     for path in paths:
         found, why = resimulate(program, path)
         name = "/".join(path.parts[-3:])
@@ -51,6 +61,7 @@ def main():
             f"{'' if found['same'] and not wrong else ', NOT THE SAME'}"
         )
         for core in found["cores"]:
+            count(of_cores, core)
             if core["differing"]:
                 show_difference(core)
         differing += not found["same"] or wrong
@@ -62,6 +73,8 @@ def main():
         f"{compared_files} recordings run again, {compared} messages compared, {left_out} not, "
         f"{trips} trips, {differing} recordings differ"
     )
+    for name, counts in of_cores.items():
+        print(f"{name}: {', '.join(f'{number} {what}' for what, number in counts.items())}")
     if differing:
         return 1
     if compared_files < int(at_least):

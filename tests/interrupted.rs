@@ -153,7 +153,8 @@ fn an_experiment_is_continued_after_a_power_cut() {
     let [earlier, later]: [Vec<Volume>; 2] =
         [&first, &second].map(|recording| messages(recording, VOLUME.topic.name));
     let (first, last) = (earlier.first().unwrap(), later.last().unwrap());
-    assert!(last.index > earlier.last().unwrap().index + 16);
+    // Two sessions have 16, of which one may lie on the edge; the cut has some more.
+    assert!(last.index >= earlier.last().unwrap().index + 15);
     let passed_s = last.at_ns.saturating_sub(first.at_ns) as f64 * 1e-9;
     let expected_s = (last.index - first.index) as f64 * REPETITION_S;
     assert!((passed_s - expected_s).abs() < 1e-3, "{passed_s} s, expected {expected_s} s");

@@ -254,6 +254,35 @@ fn assert_losses_are_shown(status: &Value) {
     }
 }
 
+/// Rates of topics, and their messages in order.
+fn assert_probes_see_the_movement(session: &Session) {
+    let rates: Value = serde_json::from_str(&session.ok([
+        "probe",
+        "hz",
+        "sample",
+        "command",
+        "--seconds",
+        "1",
+        "--json",
+    ]))
+    .unwrap();
+    for (topic, nominal) in [("sample", 2000.0), ("command", 500.0)] {
+        let row = rates.as_array().unwrap().iter().find(|row| row["topic"] == topic).unwrap();
+        let rate = row["rate_hz"].as_f64().unwrap();
+        assert!((rate / nominal - 1.0).abs() < 0.2, "{rates}");
+    }
+    let echo = session.ok(["probe", "echo", "sample", "--count", "3", "--json"]);
+    let lines: Vec<Value> = echo.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    assert_eq!(lines.len(), 3, "{echo}");
+    let tick = |line: &Value| line["fields"]["tick"].as_u64().unwrap();
+    assert!(tick(&lines[1]) > tick(&lines[0]) && tick(&lines[2]) > tick(&lines[1]), "{echo}");
+    assert!(
+        lines
+            .iter()
+            .all(|line| line["topic"] == "sample" && line["fields"]["master_position"].is_array())
+    );
+}
+
 #[test]
 fn a_session_from_up_to_down() {
     let session = Session::new("whole");
@@ -267,33 +296,7 @@ fn a_session_from_up_to_down() {
     assert!(String::from_utf8_lossy(&again.stderr).contains("already up"), "{}", told(&again));
 
     session.play(|| {
-        let rates: Value = serde_json::from_str(&session.ok([
-            "probe",
-            "hz",
-            "sample",
-            "command",
-            "--seconds",
-            "1",
-            "--json",
-        ]))
-        .unwrap();
-        for (topic, nominal) in [("sample", 2000.0), ("command", 500.0)] {
-            let row = rates.as_array().unwrap().iter().find(|row| row["topic"] == topic).unwrap();
-            let rate = row["rate_hz"].as_f64().unwrap();
-            assert!((rate / nominal - 1.0).abs() < 0.2, "{rates}");
-        }
-        let echo = session.ok(["probe", "echo", "sample", "--count", "3", "--json"]);
-        let lines: Vec<Value> =
-            echo.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
-        assert_eq!(lines.len(), 3, "{echo}");
-        let tick = |line: &Value| line["fields"]["tick"].as_u64().unwrap();
-        assert!(tick(&lines[1]) > tick(&lines[0]) && tick(&lines[2]) > tick(&lines[1]), "{echo}");
-        assert!(
-            lines
-                .iter()
-                .all(|line| line["topic"] == "sample"
-                    && line["fields"]["master_position"].is_array())
-        );
+        assert_probes_see_the_movement(&session);
 
         // The first recording ends and a second one begins during the movement.
         session.ok(["rec", "stop"]);
@@ -307,6 +310,8 @@ fn a_session_from_up_to_down() {
         );
         session.ok(["rec", "start", &second, "--metadata", "subject=S07"]);
         assert_eq!(session.status()["recording"]["file"], second.as_str());
+        let told = session.ok(["rec", "tag", "elbow moved", "--author", "anna"]);
+        assert_eq!(told, format!("{second}: anna: elbow moved\n"));
     });
     // A loaded host may have tripped the rig since, which takes the power away as well.
     let _disarmed = session.run(["disarm"]);
@@ -339,6 +344,10 @@ fn a_session_from_up_to_down() {
     );
     assert_event(&after, Process::Experiment, EventKind::ProtocolDone);
     assert_eq!(after.metadata("subject"), Some("S07"));
+    let info: Value =
+        serde_json::from_str(&session.ok(["rec", "info", &second, "--json"])).unwrap();
+    assert_eq!(info["notes"][0]["text"], "anna: elbow moved", "{info:#}");
+    assert!(info["notes"][0]["t_s"].as_f64().unwrap() > 0.0);
     // The recording contains what was run: the protocol's text and the subject.
     let run = before.runs().chain(after.runs()).last().unwrap();
     assert_eq!(run["subject"], "S07");

@@ -320,7 +320,7 @@ codes! {
         /// A session is over, and the light turns red: `a` its number, `b` and `c` what the next
         /// one has to match; the text says how it ended.
         SessionOver = 28, "session over";
-        /// The operator's note: the text.
+        /// A person's note: the text, which begins with the author where `rec tag` gave it.
         Note = 29, "note";
         /// A page of the console was opened: `a` its number; the text says which and from where.
         PageOpened = 30, "page opened";

@@ -1,10 +1,111 @@
-//! Messages of the experiment process about a protocol in progress, in one list with the macro of
-//! the others.
+//! Messages of the experiment process: its setpoints, and what it says of a protocol in progress,
+//! in one list with the macro of the others.
 
 use crate::message::messages;
-use crate::{ANALOG, AXES, BARS};
+use crate::{ANALOG, AXES, BARS, MATRIX, TABLES};
 
 messages! {
+    /// Where the handle shall go, from the experiment or the operator; holds until its lease
+    /// lapses.
+    Setpoint v5 {
+        /// the instant that position, velocity and acceleration are meant for [ns, CLOCK_MONOTONIC]
+        at_ns: u64,
+        /// until when it may be followed [ns, CLOCK_MONOTONIC]
+        lease_until_ns: u64,
+        /// identity of the protocol (hash of its text)
+        protocol: u64,
+        /// homing_sequence of the samples in whose positions it is given
+        homing_sequence: u64,
+        /// position (rad or m)
+        position: [f64; AXES],
+        /// velocity (rad/s or m/s)
+        velocity: [f64; AXES],
+        /// acceleration (rad/s² or m/s²)
+        acceleration: [f64; AXES],
+        /// peak speed of the movement that it is part of, for the shape of the friction
+        /// feed-forward; 0 where none (rad/s or m/s)
+        peak_speed: [f64; AXES],
+        /// force field of mode impedance: stiffness about `position`, row by row; torque = -
+        /// stiffness (position - centre) (N·m/rad or N/m)
+        stiffness: [f64; MATRIX],
+        /// force field: damping, row by row; torque = - damping velocity (N·m·s/rad or N·s/m)
+        damping: [f64; MATRIX],
+        /// force field: inertia, row by row; torque = - inertia acceleration (kg·m² or kg)
+        inertia: [f64; MATRIX],
+        /// force field: torque at evenly spaced positions from `table_position_min` to
+        /// `table_position_max`, axis by axis (N·m or N)
+        position_table: [f64; TABLES],
+        /// force field: torque at evenly spaced velocities from - `table_speed` to + `table_speed`,
+        /// axis by axis (N·m or N)
+        velocity_table: [f64; TABLES],
+        /// force field: position of the first entry of `position_table` (rad or m)
+        table_position_min: [f64; AXES],
+        /// force field: position of its last entry; no table where not above the first (rad or m)
+        table_position_max: [f64; AXES],
+        /// force field: speed of the last entry of `velocity_table`; no table where not positive
+        /// (rad/s or m/s)
+        table_speed: [f64; AXES],
+        /// force field: where the lower wall begins (rad or m)
+        wall_min: [f64; AXES],
+        /// force field: where the upper wall begins (rad or m)
+        wall_max: [f64; AXES],
+        /// force field: stiffness of the walls; 0 where there are none (N·m/rad or N/m)
+        wall_stiffness: [f64; AXES],
+        /// the output stays within ± this, where it is below the rig's own limit; 0 for the rig's
+        /// (V)
+        output_limit_v: [f64; AXES],
+        /// the time that the player was given in this cycle; 0 where the sender does not say from
+        /// what it computed, as for all fields down to `run` [ns, CLOCK_MONOTONIC]
+        player_ns: u64,
+        /// tick of the newest sample that the experiment had
+        sample_tick: u64,
+        /// scan time of that sample; 0 before the first [ns, CLOCK_MONOTONIC]
+        sample_time_ns: u64,
+        /// samples that the experiment has received since it started
+        samples_received: u64,
+        /// sender of the newest token that the experiment had; 0 before the first
+        token_incarnation: u64,
+        /// sequence of that token
+        token_sequence: u64,
+        /// sender of the newest event of the scanner's line that the experiment had; 0 before the
+        /// first
+        pulse_incarnation: u64,
+        /// sequence of that event
+        pulse_sequence: u64,
+        /// events of the scanner's line that the experiment has received since it started
+        pulses_received: u64,
+        /// pulses typed as the key 5 that the experiment has received since it started
+        keys_received: u64,
+        /// results of learning that the player has received since the experiment started
+        results_received: u64,
+        /// when the client renewed its lease on the protocol, as the player was told; 0: not yet
+        /// [ns, CLOCK_MONOTONIC]
+        renewed_ns: u64,
+        /// since when the player supervises this run of the protocol [ns, CLOCK_MONOTONIC]
+        run_ns: u64,
+        /// enable epoch that the run belongs to
+        epoch: u64,
+        /// number of the newest order that the experiment took
+        order: u32,
+        /// number of the order with which the run began; 0 for one that goes on after a restart of
+        /// the experiment
+        run: u32,
+        /// index of the protocol's segment
+        segment: u32,
+        /// number of segments
+        segments: u32,
+        /// Mode
+        mode: u8 = Mode,
+        /// Process that owns the setpoint: experiment or operator
+        owner: u8 = Process,
+        /// axes that it means
+        axes: u8,
+        /// 1 where the run began in the segment in which it was interrupted before
+        continued: u8,
+        /// none
+        reserved: [u8; 4],
+    }
+
     /// The zero that a search has found for an axis, from the experiment to acquisition; repeated
     /// until samples show it.
     HomeOrder v1 {

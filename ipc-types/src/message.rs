@@ -134,6 +134,17 @@ impl<Name: AsRef<str>> Field<Name> {
         }
     }
 
+    /// Its unit, from its documentation; empty where that ends with none in brackets.
+    pub fn unit(&self) -> &'static str {
+        let doc = self.doc.trim();
+        let given = [('(', ')'), ('[', ']')].into_iter().find_map(|(open, close)| {
+            let (_, unit) = doc.strip_suffix(close)?.rsplit_once(open)?;
+            Some(unit.split_once(',').map_or(unit, |(unit, _)| unit))
+        });
+        // Longer text in brackets is an explanation.
+        given.filter(|unit| unit.chars().count() <= 16).unwrap_or_default()
+    }
+
     /// What a value of this field means, in words: "process started" for 0 in an event's `kind`.
     /// `None` where the field is a number, or the code is not known to this build.
     pub fn meaning(&self, value: Value) -> Option<&'static str> {

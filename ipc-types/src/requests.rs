@@ -64,6 +64,8 @@ pub enum LoggerRequest {
         path: String,
         /// Key and value pairs for the file's metadata record.
         metadata: Vec<(String, String)>,
+        /// When to go on in another file.
+        split: Split,
     },
     /// End it; answered when everything is on disk.
     Stop,
@@ -75,6 +77,46 @@ pub enum LoggerRequest {
         /// Key and value pairs, see `recording::mcap_write::key`: protocol, its text, subject.
         metadata: Vec<(String, String)>,
     },
+    /// Begins the next part of a ring now; answered when the part before is whole.
+    NextPart,
+    /// Puts a note into the recording in progress: an event of the logger. Refused where nothing
+    /// is being recorded, or where an event cannot hold both whole.
+    Tag {
+        /// Who gives it.
+        author: String,
+        /// What it says.
+        text: String,
+    },
+}
+
+/// When a recording goes on in its next part: at whichever comes first, or, by default, never; and
+/// whether the parts before stay.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Split {
+    /// Length of a part (ns).
+    pub every_ns: Option<u64>,
+    /// Size of a part (bytes), which the end of the file is added to.
+    pub every_bytes: Option<u64>,
+    /// Of a ring: how much of the past is kept (ns). Parts that ended before are removed, once
+    /// another [`Split::every_ns`] has passed. `None`: all of them stay.
+    pub keep_ns: Option<u64>,
+}
+
+/// A ring: a recording of which the newest parts are kept.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct RingStatus {
+    /// The file of part 1, by which the others are called (`recording::part_path`).
+    pub first: String,
+    /// Numbers of the parts that are there, the present one last.
+    pub parts: Vec<u32>,
+    /// How much of the past is kept (ns).
+    pub keep_ns: u64,
+    /// Size of the parts, as far as they are written (bytes).
+    pub bytes: u64,
+    /// Parts that were removed.
+    pub removed: u64,
+    /// Parts that could not be removed: they stay.
+    pub not_removed: u64,
 }
 
 /// Answer of the logger.
@@ -86,6 +128,8 @@ pub struct LoggerAnswer {
     pub written: u64,
     /// Messages lost on the way (gaps, full queue, refused by the disk).
     pub lost: u64,
+    /// Its parts, if the recording is a ring.
+    pub ring: Option<RingStatus>,
     /// What went wrong; empty if nothing.
     pub error: String,
 }

@@ -3,7 +3,7 @@
 //! start), sequence (from 0, per incarnation and topic), and the time of publishing.
 
 use crate::message::messages;
-use crate::{ANALOG, AXES, MATRIX, TABLES, TEXT};
+use crate::{ANALOG, AXES, TEXT};
 
 messages! {
     /// One scan of the card, converted, with what the gate wrote: the rig's main signal.
@@ -243,69 +243,6 @@ messages! {
         digital_out: u32,
         /// none
         reserved: u32,
-    }
-
-    /// Where the handle shall go, from the experiment or the operator; holds until its lease
-    /// lapses.
-    Setpoint v4 {
-        /// the instant that position, velocity and acceleration are meant for [ns, CLOCK_MONOTONIC]
-        at_ns: u64,
-        /// until when it may be followed [ns, CLOCK_MONOTONIC]
-        lease_until_ns: u64,
-        /// identity of the protocol (hash of its text)
-        protocol: u64,
-        /// homing_sequence of the samples in whose positions it is given
-        homing_sequence: u64,
-        /// position (rad or m)
-        position: [f64; AXES],
-        /// velocity (rad/s or m/s)
-        velocity: [f64; AXES],
-        /// acceleration (rad/s² or m/s²)
-        acceleration: [f64; AXES],
-        /// peak speed of the movement that it is part of, for the shape of the friction
-        /// feed-forward; 0 where none (rad/s or m/s)
-        peak_speed: [f64; AXES],
-        /// force field of mode impedance: stiffness about `position`, row by row; torque = -
-        /// stiffness (position - centre) (N·m/rad or N/m)
-        stiffness: [f64; MATRIX],
-        /// force field: damping, row by row; torque = - damping velocity (N·m·s/rad or N·s/m)
-        damping: [f64; MATRIX],
-        /// force field: inertia, row by row; torque = - inertia acceleration (kg·m² or kg)
-        inertia: [f64; MATRIX],
-        /// force field: torque at evenly spaced positions from `table_position_min` to
-        /// `table_position_max`, axis by axis (N·m or N)
-        position_table: [f64; TABLES],
-        /// force field: torque at evenly spaced velocities from - `table_speed` to + `table_speed`,
-        /// axis by axis (N·m or N)
-        velocity_table: [f64; TABLES],
-        /// force field: position of the first entry of `position_table` (rad or m)
-        table_position_min: [f64; AXES],
-        /// force field: position of its last entry; no table where not above the first (rad or m)
-        table_position_max: [f64; AXES],
-        /// force field: speed of the last entry of `velocity_table`; no table where not positive
-        /// (rad/s or m/s)
-        table_speed: [f64; AXES],
-        /// force field: where the lower wall begins (rad or m)
-        wall_min: [f64; AXES],
-        /// force field: where the upper wall begins (rad or m)
-        wall_max: [f64; AXES],
-        /// force field: stiffness of the walls; 0 where there are none (N·m/rad or N/m)
-        wall_stiffness: [f64; AXES],
-        /// the output stays within ± this, where it is below the rig's own limit; 0 for the rig's
-        /// (V)
-        output_limit_v: [f64; AXES],
-        /// index of the protocol's segment
-        segment: u32,
-        /// number of segments
-        segments: u32,
-        /// Mode
-        mode: u8 = Mode,
-        /// Process that owns the setpoint: experiment or operator
-        owner: u8 = Process,
-        /// axes that it means
-        axes: u8,
-        /// none
-        reserved: [u8; 5],
     }
 
     /// Something happened on the scanner's trigger line, or the key 5 was typed for a pulse.

@@ -11,16 +11,22 @@ pub const CURVE_POINTS: usize = 65;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FrictionCurve {
     /// Distance between two points (rad/s or m/s), positive.
-    pub step: f64,
+    step: f64,
     /// Level at rest, then at each step (V); none is negative.
-    pub levels_v: [f64; CURVE_POINTS],
+    levels_v: [f64; CURVE_POINTS],
+    /// The highest of them (V).
+    peak_v: f64,
 }
 
 impl FrictionCurve {
     /// Samples a function of the speed up to `speed_max` (rad/s or m/s, positive).
     pub fn new(speed_max: f64, level_v: impl Fn(f64) -> f64) -> Self {
         let step = speed_max / (CURVE_POINTS - 1) as f64;
-        Self { step, levels_v: std::array::from_fn(|point| level_v(step * point as f64).max(0.0)) }
+        let levels_v: [f64; CURVE_POINTS] =
+            std::array::from_fn(|point| level_v(step * point as f64).max(0.0));
+        // Once: the control law needs it in every cycle.
+        let peak_v = levels_v.iter().copied().fold(0.0, f64::max);
+        Self { step, levels_v, peak_v }
     }
 
     /// Level at a speed of either sign (V); 0 V where the speed is not a number.
@@ -36,8 +42,8 @@ impl FrictionCurve {
     }
 
     /// Highest level (V).
-    pub fn peak_v(&self) -> f64 {
-        self.levels_v.iter().copied().fold(0.0, f64::max)
+    pub const fn peak_v(&self) -> f64 {
+        self.peak_v
     }
 }
 

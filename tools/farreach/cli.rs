@@ -61,6 +61,9 @@ enum Command {
     /// Observes a running rig without disturbing it, or reads a recording in the same way
     #[command(subcommand)]
     Probe(probe::Command),
+    /// Hands a running rig's topics to other people's programs
+    #[command(subcommand)]
+    Bridge(bridge::Command),
     /// Runs a complete session on the built-in simulated rig and reports on it
     Demo(demo::Args),
     /// Runs one process of a rig (called by the unit files)
@@ -99,7 +102,7 @@ impl Command {
         match self {
             Self::Operator(Operator::Up(_) | Operator::Down(_)) => false,
             Self::Probe(command) => command.joins_rig(),
-            Self::Operator(_) | Self::Tune(_) | Self::Rec(Rec::Live(_)) => true,
+            Self::Operator(_) | Self::Tune(_) | Self::Rec(Rec::Live(_)) | Self::Bridge(_) => true,
             _ => false,
         }
     }
@@ -125,6 +128,7 @@ pub(crate) fn run(cli: Cli) -> anyhow::Result<i32> {
         Command::Rec(Rec::Live(command)) => operator::command::record(command, &cli.rig_name),
         Command::Rec(Rec::File(command)) => recorder::run(&command),
         Command::Probe(command) => probe::run(&command, &cli.rig_name),
+        Command::Bridge(command) => bridge::run(&command, &cli.rig_name),
         Command::Demo(arguments) => demo::run(arguments, &logger::revision()),
         Command::Service(service) => service::run(service, &cli.rig_name),
         Command::Completions { shell } => reference::completions(Cli::command(), shell),

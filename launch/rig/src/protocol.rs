@@ -104,7 +104,11 @@ const KEYS: Keys = &[
     ("name", "Name of the protocol."),
     ("description", "Description for people."),
     ("repeat", "Number of times that the whole list is played."),
-    ("after_restart", "What is done when the process that plays it is started again in between."),
+    (
+        "after_restart",
+        "What is done when the process that plays it is started again in between, or was held up \
+         for longer than 100 ms.",
+    ),
 ];
 
 impl Protocol {

@@ -1,13 +1,15 @@
 //! The experiment runner: plays protocols as setpoints.
 //!
 //! Its core has no clock of its own: [`prepared_movement`] gives movements with exact derivatives,
-//! [`player`] plays a protocol with the time as an argument, [`ilc_trial`] and [`ilc_update`] learn
-//! a segment's reference, [`range_finder`] finds the ends of an axis's travel, [`scan_tracker`]
-//! follows the scanner by a [`scan_plan`], [`session_tracker`] the sessions with their sums of
-//! effort and the subject's bar ([`matching_bar`]), and [`state`] is what a restart needs,
-//! [`interrupted`] what a start of the whole computer needs. [`run`] is the process around it.
+//! [`player`] plays a protocol with the time as an argument, [`cycle`] is what its loop does with
+//! what it receives, [`ilc_trial`] and [`ilc_update`] learn a segment's reference,
+//! [`range_finder`] finds the ends of an axis's travel, [`scan_tracker`] follows the scanner by a
+//! [`scan_plan`], [`session_tracker`] the sessions with their sums of effort and the subject's bar
+//! ([`matching_bar`]), and [`state`] is what a restart needs, [`interrupted`] what a start of the
+//! whole computer needs. [`run`] is the process around it.
 
 pub mod contraction;
+pub mod cycle;
 mod field_setpoint;
 pub mod ilc_trial;
 pub mod ilc_update;

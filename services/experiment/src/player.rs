@@ -6,6 +6,7 @@
 //!                 │  │ └─stop──> Stopping ──0.5 s────────┘
 //!                 │  ├─ no range found, or a segment beyond it ──> Idle, passive
 //!                 │  └─ stalled longer than the lease: the segment again, from where the handle is
+//!                 │     (Idle, passive, where the protocol does not go on after a restart)
 //!                 └─ a rest is 0 V already: stop and end go to passive at once
 //! ```
 //!
@@ -38,6 +39,7 @@ use crate::state::PlayerState;
 
 use axis_homing::PendingOrder;
 pub use change::Change;
+use change::End;
 pub use ilc_job::IlcJob;
 use ilc_job::JOBS;
 pub use program::Program;
@@ -103,26 +105,6 @@ enum Phase {
     Stopping { segment: usize, begun_ns: u64, stopped_ns: u64 },
     /// At rest under power.
     Holding { segment: usize, since_ns: u64 },
-}
-
-/// Why a protocol ends early.
-#[derive(Clone, Copy, Debug, PartialEq)]
-enum End {
-    Stop,
-    ClientGone,
-    PermissionLost,
-    Restarted,
-}
-
-impl End {
-    const fn change(self, segment: u32) -> Change {
-        match self {
-            Self::Stop => Change::Stopped(segment),
-            Self::ClientGone => Change::Aborted(segment, Reason::ClientGone),
-            Self::PermissionLost => Change::Aborted(segment, Reason::PermissionLost),
-            Self::Restarted => Change::Aborted(segment, Reason::Restarted),
-        }
-    }
 }
 
 /// Plays one protocol at a time.
@@ -319,7 +301,8 @@ impl Player {
     /// or m).
     ///
     /// A time before the last step's is replaced by that. After a pause longer than the lease
-    /// control has ramped to hold, so the segment starts again from where the handle is.
+    /// control has ramped to hold, so the segment starts again from where the handle is; or the
+    /// protocol ends, where it does not go on after a restart.
     pub fn step(&mut self, now_ns: u64, measured: &[f64; AXES]) -> Output {
         let Some(program) = self.program.clone().filter(|_| !self.waiting || self.end.is_some())
         else {
@@ -329,6 +312,9 @@ impl Player {
         let now_ns = now_ns.max(last_ns);
         self.last_ns = Some(now_ns);
         let paused = now_ns - last_ns > LEASE_NS;
+        if paused && self.is_running() && !program.resumes {
+            self.end.get_or_insert(End::Restarted);
+        }
         if let Some(ilc) = self.ilc.as_mut().filter(|_| !paused) {
             ilc.advance(now_ns);
         }

@@ -17,8 +17,8 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use ipc_types::{
-    AXES, EnableToken, EventKind, GateState, HOME_ORDER, Heartbeat, HomeOrder, Process, Profile,
-    SAMPLE, SETPOINT, Sample, Setpoint, Severity, TOKEN, WatchdogState, Zeros,
+    EnableToken, EventKind, HOME_ORDER, Heartbeat, HomeOrder, Process, Profile, SAMPLE, SETPOINT,
+    Sample, Setpoint, Severity, TOKEN,
 };
 use rig::protocol::Protocol;
 use rig::{Axis, RigFile};
@@ -29,8 +29,9 @@ use runtime::{
 };
 use thiserror::Error;
 
+use crate::cycle::{Received, Seen};
 use crate::interrupted::InterruptedFile;
-use crate::player::{LEASE_NS, Permission, Player, Program};
+use crate::player::{Output, Permission, Player, Program};
 use crate::state::PlayerState;
 
 use current_protocol::Current;
@@ -89,9 +90,7 @@ pub struct Runner {
     player: Player,
     link: LoopSide,
     grid: Grid,
-    /// newest order taken, and the one that is being played
-    taken: u32,
-    playing: u32,
+    received: Received,
     newest: Option<Sample>,
     axes: Vec<Axis>,
     requests: Worker,
@@ -169,8 +168,7 @@ impl Runner {
             grid: Grid::of_rate(rig.rates.experiment_hz, rig.phases.experiment_ns),
             player,
             link,
-            taken: 0,
-            playing: 0,
+            received: Received::default(),
             newest: None,
             axes: rig.axes.clone(),
             ilc_worker,
@@ -221,77 +219,17 @@ impl Runner {
 
     /// One cycle: allocates, locks and formats nothing.
     fn cycle(&mut self, wake: &Wake) -> Result<(), PortError> {
-        // Every sample: learning needs the slave's position at each step, however late this loop
-        // wakes.
-        while let Some(sample) = self.samples.take()? {
-            let powered = sample.gate_state == GateState::Open.code();
-            self.player.record(sample.scan_time_ns, &handles(Some(&sample)), powered);
-            self.sessions.see(&sample, &self.player);
-            self.newest = Some(sample);
-        }
-        self.scan.tell(&mut self.player, &mut self.link.keys)?;
-        while let Ok(result) = self.ilc_worker.results.pop() {
-            self.player.receive(result);
-        }
-        while let Ok(event) = self.link.events.pop().or_else(|_| self.ilc_worker.events.pop()) {
-            self.service.publish(event)?;
-        }
-        self.token = self.tokens.latest()?.or(self.token);
-        let permission = self.permission(wake.woke_ns);
-        while let Ok(order) = self.link.orders.pop() {
-            match order {
-                // The client is told that the request timed out, so it must not start now.
-                Order::Play { deadline_ns, .. } if now_ns() > deadline_ns => {}
-                Order::Play { number, program, .. } => {
-                    // The request handler holds this program and the previous one, so nothing is
-                    // freed here. Without permission the step below ends the protocol.
-                    let epoch = self.token.map_or(0, |token| token.epoch);
-                    self.player.start(program, epoch);
-                    self.link.progress.renew(wake.woke_ns);
-                    (self.taken, self.playing) = (number, number);
-                }
-                Order::Stop { number } => {
-                    self.player.stop();
-                    self.taken = number;
-                }
-            }
-        }
-        self.player.supervise(wake.woke_ns, permission, self.link.progress.renewed_ns());
-        let sample_ns = self.newest.map_or(0, |sample| sample.time_ns);
-        let fresh = wake.woke_ns.saturating_sub(sample_ns) <= LEASE_NS;
-        // Without samples the handle's position is unknown: no setpoint is published, the lease
-        // lapses and control ramps to hold. When samples return, the segment starts again from
-        // where the handle then is. A stop is always carried out.
-        if fresh || self.player.is_ending() {
-            let sample = self.newest.as_ref().filter(|_| fresh);
-            self.player.see_handles(handles(sample));
-            self.player.see_zeros(sample.map(Zeros::from));
-            let output = self.player.step(wake.woke_ns, &measured(sample));
-            if let Some(setpoint) = output.setpoint {
-                self.setpoints.send(setpoint)?;
-            }
-            if let Some(order) = self.player.home_order() {
-                self.home_orders.send(order)?;
-            }
-            if let Some(notice) = self.player.take_notice() {
-                publish_notice(notice, self.player.status().segment, &mut self.service)?;
-            }
-            self.scan.publish(&mut self.player, &mut self.service)?;
-            if let Some(change) = output.change {
-                let program = self.player.program().map(AsRef::as_ref);
-                publish_change(change, program, &mut self.service)?;
-                self.sessions.follow(change, &self.player, self.playing, wake.woke_ns)?;
-                if change.ends() {
-                    self.scan.end();
-                }
-                let (epoch, scan) = (self.player.epoch(), self.player.scan_state());
-                let report = ChangeReport { order: self.playing, change, epoch, scan };
-                // The ring is full only if the request thread has hung for minutes; then a restart
-                // would resume at an earlier segment.
-                if self.link.changes.push(report).is_err() {
-                    self.link.dropped.count();
-                }
-            }
+        self.receive()?;
+        self.take_orders(wake.woke_ns);
+        let seen = Seen {
+            sample: self.newest.as_ref(),
+            token: self.token.as_ref(),
+            renewed_ns: self.link.progress.renewed_ns(),
+            received: self.received,
+        };
+        let permission = seen.permission(wake.woke_ns);
+        if let Some(output) = seen.step(&mut self.player, wake.woke_ns) {
+            self.publish(&output, wake.woke_ns)?;
         }
         self.sessions.publish(
             wake.woke_ns,
@@ -307,19 +245,78 @@ impl Runner {
         }
         let enabled = matches!(permission, Permission::Enabled(_));
         let axes = axis_bits(&self.axes, self.newest.as_ref());
-        self.link.progress.update(self.taken, &self.player.status(), sample_ns, enabled, axes);
+        let sample_ns = self.newest.map_or(0, |sample| sample.time_ns);
+        let status = self.player.status();
+        self.link.progress.update(self.received.order, &status, sample_ns, enabled, axes);
         Ok(())
     }
 
-    /// The watchdog's permission; withdrawn if its token is stale, as the gate is closed by then.
-    fn permission(&self, now_ns: u64) -> Permission {
-        let Some(token) = &self.token else { return Permission::Unknown };
-        let age_ns = now_ns.saturating_sub(token.time_ns);
-        if token.state == WatchdogState::Enabled.code() && age_ns <= LEASE_NS {
-            Permission::Enabled(token.epoch)
-        } else {
-            Permission::Withdrawn
+    /// Takes what has come, but for the orders.
+    fn receive(&mut self) -> Result<(), PortError> {
+        // Every sample: learning needs the slave's position at each step, however late this loop
+        // wakes.
+        while let Some(sample) = self.samples.take()? {
+            self.received.sample(&sample, &mut self.player);
+            self.sessions.see(&sample, &self.player);
+            self.newest = Some(sample);
         }
+        self.scan.tell(&mut self.player, &mut self.received, &mut self.link.keys)?;
+        while let Ok(result) = self.ilc_worker.results.pop() {
+            self.received.result(result, &mut self.player);
+        }
+        while let Ok(event) = self.link.events.pop().or_else(|_| self.ilc_worker.events.pop()) {
+            self.service.publish(event)?;
+        }
+        self.token = self.tokens.latest()?.or(self.token);
+        Ok(())
+    }
+
+    fn take_orders(&mut self, woke_ns: u64) {
+        while let Ok(order) = self.link.orders.pop() {
+            match order {
+                // The client is told that the request timed out, so it must not start now.
+                Order::Play { deadline_ns, .. } if now_ns() > deadline_ns => {}
+                Order::Play { number, program, .. } => {
+                    // The request handler holds this program and the previous one, so nothing is
+                    // freed here. Without permission the player's step ends the protocol.
+                    let epoch = self.token.map_or(0, |token| token.epoch);
+                    self.received.play(number, program, epoch, &mut self.player);
+                    self.link.progress.renew(woke_ns);
+                }
+                Order::Stop { number } => self.received.stop(number, &mut self.player),
+            }
+        }
+    }
+
+    /// Publishes what a step of the player has come to.
+    fn publish(&mut self, output: &Output, woke_ns: u64) -> Result<(), PortError> {
+        if let Some(setpoint) = output.setpoint {
+            self.setpoints.send(setpoint)?;
+        }
+        if let Some(order) = self.player.home_order() {
+            self.home_orders.send(order)?;
+        }
+        if let Some(notice) = self.player.take_notice() {
+            publish_notice(notice, self.player.status().segment, &mut self.service)?;
+        }
+        self.scan.publish(&mut self.player, &mut self.service)?;
+        if let Some(change) = output.change {
+            let run = self.received.run;
+            let program = self.player.program().map(AsRef::as_ref);
+            publish_change(change, program, &mut self.service)?;
+            self.sessions.follow(change, &self.player, run, woke_ns)?;
+            if change.ends() {
+                self.scan.end();
+            }
+            let (epoch, scan) = (self.player.epoch(), self.player.scan_state());
+            let report = ChangeReport { order: run, change, epoch, scan };
+            // The ring is full only if the request thread has hung for minutes; then a restart
+            // would resume at an earlier segment.
+            if self.link.changes.push(report).is_err() {
+                self.link.dropped.count();
+            }
+        }
+        Ok(())
     }
 
     fn losses(&self) -> Losses {
@@ -351,18 +348,6 @@ fn axis_bits(axes: &[Axis], sample: Option<&Sample>) -> AxisBits {
     let Some(sample) = sample else { return AxisBits::default() };
     let beyond = axes.iter().enumerate().filter(|(at, axis)| axis.leaves_range(*at, sample));
     AxisBits { homed: sample.homed, beyond_range: beyond.fold(0, |bits, (at, _)| bits | 1 << at) }
-}
-
-/// Positions of the masters (rad or m); NaN where there is none.
-fn measured(sample: Option<&Sample>) -> [f64; AXES] {
-    let seen = |axis: usize| sample.filter(|sample| sample.master_present >> axis & 1 == 1);
-    std::array::from_fn(|axis| seen(axis).map_or(f64::NAN, |sample| sample.master_position[axis]))
-}
-
-/// Positions of the handles by their own encoders (rad or m); NaN where there is none.
-fn handles(sample: Option<&Sample>) -> [f64; AXES] {
-    let seen = |axis: usize| sample.filter(|sample| sample.slave_present >> axis & 1 == 1);
-    std::array::from_fn(|axis| seen(axis).map_or(f64::NAN, |sample| sample.slave_position[axis]))
 }
 
 /// Sets the player to what was being played in this session; `None` where nothing was. A file that

@@ -273,6 +273,20 @@ fn a_pause_longer_than_the_lease_begins_the_segment_again() {
 }
 
 #[test]
+fn a_pause_longer_than_the_lease_ends_a_protocol_that_does_not_go_on_after_a_restart() {
+    let text = TEXT.replace("[protocol]\n", "[protocol]\nafter_restart = \"abort\"\n");
+    let mut player = player(&text);
+    play(&mut player, 0, 2_000 * MS);
+    let measured = [0.1, 0.0, 0.0];
+    // Within the lease the handle was not held.
+    assert_eq!(player.step(2_098 * MS, &measured).change, None);
+    let output = player.step(2_199 * MS, &measured);
+    assert_eq!(output.change, Some(Change::Aborted(1, Reason::Restarted)));
+    assert_eq!(output.setpoint.unwrap().mode, Mode::Passive.code());
+    assert!(!player.status().running);
+}
+
+#[test]
 fn time_that_goes_backwards_stands_still() {
     let mut player = player(TEXT);
     play(&mut player, 0, 2_000 * MS);

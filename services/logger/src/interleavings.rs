@@ -4,6 +4,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 use std::cell::Cell;
+use std::collections::BTreeMap;
 use std::io::{self, Write};
 use std::path::Path;
 
@@ -39,6 +40,8 @@ enum Step {
     Push,
     /// A recording is asked for.
     Start,
+    /// The next part is asked for.
+    Split,
     /// Its end is asked for.
     Stop,
     /// The loop looks for a report.
@@ -47,7 +50,7 @@ enum Step {
     Turn,
 }
 
-const STEPS: [Step; 5] = [Step::Push, Step::Start, Step::Stop, Step::Poll, Step::Turn];
+const STEPS: [Step; 6] = [Step::Push, Step::Start, Step::Split, Step::Stop, Step::Poll, Step::Turn];
 /// Steps after the first start, before which nothing is recorded, unless `FARREACH_DEPTH` says
 /// another number.
 const LENGTH: u32 = 5;
@@ -61,6 +64,8 @@ struct Tried {
     dropped: u64,
     not_started: u64,
     stopped: u64,
+    split: u64,
+    not_split: u64,
 }
 
 /// The loop's side, and what it knows of the recording in progress.
@@ -70,6 +75,8 @@ struct Run {
     messages: u64,
     /// Messages since the recording was asked for.
     offered: u64,
+    /// Messages in its parts that have ended.
+    in_parts: u64,
 }
 
 impl Run {
@@ -79,6 +86,7 @@ impl Run {
         let begun = self.front.start(StartRequest { path, ..StartRequest::default() }).is_ok();
         if begun {
             self.offered = 0;
+            self.in_parts = 0;
         }
         begun
     }
@@ -104,10 +112,17 @@ impl Run {
         match outcome {
             Outcome::Started { .. } => assert!(self.front.recording()),
             Outcome::NotStarted { .. } => tried.not_started += 1,
+            Outcome::NextPart { ended, .. } => {
+                let ended = ended.unwrap();
+                assert_eq!(ended.refused, 0);
+                self.in_parts += ended.written;
+                tried.split += 1;
+            }
+            Outcome::NotSplit { .. } => tried.not_split += 1,
             Outcome::Stopped(summary) => {
                 // Everything that was pushed before the stop is in the file, or was dropped.
                 assert_eq!(summary.refused, 0);
-                assert_eq!(summary.written, before.written);
+                assert_eq!(self.in_parts + summary.written, before.written);
                 tried.stopped += 1;
                 tried.written += summary.written;
                 tried.dropped += before.dropped;
@@ -126,13 +141,16 @@ fn run(length: u32, mut steps: usize, fails: u32, tried: &mut Tried) {
         let number = asked.replace(asked.get() + 1);
         match fails >> number & 1 {
             0 => Writer::to_output(Box::new(Nowhere), path, start, now_ns),
-            _ => Err(WriteError::Exists { path: path.to_owned() }),
+            _ => {
+                let source = io::ErrorKind::PermissionDenied.into();
+                Err(WriteError::Create { path: path.to_owned(), source })
+            }
         }
     });
     let mut disk = Disk::new(&mut end, None, &opener);
     let event = event_topic(Process::Control).unwrap();
     let topic = ipc_types::TOPICS.iter().position(|of| of.name == event.topic.name).unwrap();
-    let mut run = Run { front, topic, messages: 0, offered: 0 };
+    let mut run = Run { front, topic, messages: 0, offered: 0, in_parts: 0 };
     let mut pushed_before_stop = None;
     run.start();
     for _ in 0..length {
@@ -142,6 +160,9 @@ fn run(length: u32, mut steps: usize, fails: u32, tried: &mut Tried) {
                 if run.start() {
                     pushed_before_stop = None;
                 }
+            }
+            Step::Split => {
+                let _refused = run.front.split(BTreeMap::new());
             }
             Step::Stop => {
                 if run.front.stop().is_ok() {
@@ -171,19 +192,31 @@ fn run(length: u32, mut steps: usize, fails: u32, tried: &mut Tried) {
     }
 }
 
+fn has_split(length: u32, steps: usize) -> bool {
+    let count = STEPS.len();
+    (0..length).any(|at| matches!(STEPS[steps / count.pow(at) % count], Step::Split))
+}
+
 #[test]
 fn in_every_interleaving_each_message_is_written_or_counted_once() {
     let mut tried = Tried::default();
     let depth = std::env::var("FARREACH_DEPTH").ok().and_then(|text| text.parse().ok());
     let length = depth.unwrap_or(LENGTH);
-    let interleavings = STEPS.len().pow(length);
-    for steps in 0..interleavings {
-        // The first file can be created, or not.
-        for fails in [0b0, 0b1] {
-            run(length, steps, fails, &mut tried);
+    let mut interleavings = 0;
+    // Those with a split are a step shorter: there are three times as many. The first file can be
+    // created, or not; so can the second, where one is asked for.
+    for (length, split, fails) in
+        [(length, false, &[0b0, 0b1][..]), (length.saturating_sub(1), true, &[0b0, 0b1, 0b10][..])]
+    {
+        for steps in (0..STEPS.len().pow(length)).filter(|of| has_split(length, *of) == split) {
+            for fails in fails {
+                run(length, steps, *fails, &mut tried);
+                interleavings += 1;
+            }
         }
     }
-    println!("{} interleavings: {tried:?}", 2 * interleavings);
-    let Tried { written, dropped, not_started, stopped } = tried;
-    assert!([written, dropped, not_started, stopped].iter().all(|count| *count > 10));
+    println!("{interleavings} interleavings: {tried:?}");
+    let Tried { written, dropped, not_started, stopped, split, not_split } = tried;
+    let all = [written, dropped, not_started, stopped, split, not_split];
+    assert!(all.iter().all(|count| *count > 10));
 }

@@ -8,11 +8,13 @@
 #[cfg(test)]
 mod interleavings;
 mod process;
+mod recorder_error;
 pub mod recorder_front_end;
+mod ring;
 pub mod state;
 mod writer_queue;
 mod writer_thread;
 
 pub use process::{Logger, LoggerError, Options, revision, run};
-pub use writer_queue::{BYTES as QUEUE_BYTES, HEADER_BYTES as QUEUE_HEADER_BYTES};
+pub use writer_queue::{BYTES as QUEUE_BYTES, HEADER_BYTES as QUEUE_HEADER_BYTES, RingParts};
 pub use writer_thread::Opener;

@@ -1,5 +1,6 @@
 //! The process: messages from shared memory to the recorder, requests, counters and events.
 
+mod answers;
 mod machine;
 mod replacements;
 mod reports;
@@ -15,8 +16,8 @@ use std::sync::mpsc::SyncSender;
 use std::time::{Duration, Instant};
 
 use ipc_types::{
-    CLOCK, ClockSync, Event, EventKind, Heartbeat, LOSS, LoggerAnswer, LoggerRequest, LossCounters,
-    Message, Process, Severity, TOPICS,
+    CLOCK, ClockSync, Event, EventKind, Heartbeat, LOSS, LoggerAnswer, LossCounters, Message,
+    Process, Severity, Split, TOPICS,
 };
 use recording::mcap_read::Recording;
 use recording::mcap_write::{Positions, key};
@@ -31,7 +32,7 @@ use crate::state;
 
 use machine::{doctor_report, in_words};
 use replacements::Replacements;
-use requests::{PendingRequest, RequestReceiver};
+use requests::RequestReceiver;
 
 /// Every topic's buffer holds at least 100 ms at its fastest rate, which leaves margin for a late
 /// wake.
@@ -107,6 +108,9 @@ pub struct Logger {
     reported_losses: Vec<u64>,
     start_reply: Option<SyncSender<LoggerAnswer>>,
     stop_reply: Option<SyncSender<LoggerAnswer>>,
+    /// whoever wants the next part, until it is asked for, and from then on
+    part_wanted: Option<SyncSender<LoggerAnswer>>,
+    part_reply: Option<SyncSender<LoggerAnswer>>,
 }
 
 impl std::fmt::Debug for Logger {
@@ -169,6 +173,8 @@ impl Logger {
             reported_losses: vec![0; TOPICS.len()],
             start_reply: None,
             stop_reply: None,
+            part_wanted: None,
+            part_reply: None,
         };
         logger.begin(kept, &directory, options.record.as_deref())?;
         Ok(logger)
@@ -223,7 +229,7 @@ impl Logger {
         } else if let Some(path) = record
             && !begun
         {
-            let request = self.start_request(path.to_owned(), BTreeMap::new());
+            let request = self.start_request(path.to_owned(), BTreeMap::new(), Split::default());
             if let Err(reason) = self.start_and_wait(request)? {
                 return Err(LoggerError::NotBegun { path: path.to_owned(), reason });
             }
@@ -232,11 +238,18 @@ impl Logger {
         Ok(())
     }
 
-    fn start_request(&self, path: PathBuf, mut metadata: BTreeMap<String, String>) -> StartRequest {
+    fn start_request(
+        &self,
+        path: PathBuf,
+        mut metadata: BTreeMap<String, String>,
+        split: Split,
+    ) -> StartRequest {
         // The logger's own entries take precedence.
         metadata.extend(self.metadata.clone());
         metadata.extend(doctor_report(self.doctor.as_deref(), self.service.domain().name()));
         metadata.insert(key::REPLACED.to_owned(), self.replacements.now().to_text());
+        let seconds = |keep_ns: u64| format!("{} s", keep_ns as f64 / SECOND_NS as f64);
+        metadata.extend(split.keep_ns.map(|keep_ns| (key::RING.to_owned(), seconds(keep_ns))));
         StartRequest {
             path,
             part: 1,
@@ -244,6 +257,7 @@ impl Logger {
             realtime_offset_ns: ClockPair::measure().offset_ns(),
             session: self.service.identity().session,
             run: self.run.clone(),
+            split,
             ..StartRequest::default()
         }
     }
@@ -295,6 +309,7 @@ impl Logger {
             while let Some(outcome) = self.recorder.poll() {
                 self.outcome(outcome)?;
             }
+            self.next_part()?;
             while let Some(request) = self.requests.next() {
                 self.answer(request)?;
             }
@@ -316,6 +331,33 @@ impl Logger {
             self.service.beat();
         }
         self.end()
+    }
+
+    /// Goes on in the next part, where it is time for it or somebody wants it. It says for itself
+    /// which programs run by now.
+    fn next_part(&mut self) -> Result<(), LoggerError> {
+        // One that is asked for already holds only what came before the request.
+        if !self.recorder.splitting()
+            && let Some(reply) = self.part_wanted.take()
+        {
+            self.part_reply = Some(reply);
+        } else if !self.recorder.split_due() {
+            return Ok(());
+        }
+        self.report_replacements()?;
+        self.drain()?;
+        let replaced = (key::REPLACED.to_owned(), self.replacements.now().to_text());
+        match self.recorder.split(BTreeMap::from([replaced])) {
+            // Stopped meanwhile.
+            Err(error @ RecorderError::NotRecording) => {
+                if let Some(reply) = self.part_reply.take() {
+                    let error = error.to_string();
+                    let _ = reply.send(LoggerAnswer { error, ..self.recorder.status() });
+                }
+                Ok(())
+            }
+            result => Ok(result?),
+        }
     }
 
     /// Takes the messages that are in shared memory now; at most a buffer's length of each topic,
@@ -340,44 +382,6 @@ impl Logger {
             let _ = self.recorder.note_run(BTreeMap::new());
         }
         Ok(())
-    }
-
-    fn answer(&mut self, request: PendingRequest) -> Result<(), LoggerError> {
-        let PendingRequest { request, reply } = request;
-        let result = match request {
-            LoggerRequest::Status => {
-                let _ = reply.send(self.recorder.status());
-                return Ok(());
-            }
-            LoggerRequest::Start { path, metadata } => {
-                self.report_replacements()?;
-                let request = self.start_request(path.into(), metadata.into_iter().collect());
-                self.start(request).map(|()| self.start_reply = Some(reply.clone()))
-            }
-            LoggerRequest::Stop => {
-                self.report_replacements()?;
-                // Everything published before the request is in the buffers by now.
-                self.drain()?;
-                self.recorder.stop().map(|()| self.stop_reply = Some(reply.clone()))
-            }
-            LoggerRequest::Run { metadata } => {
-                self.run = metadata.into_iter().collect();
-                self.run.insert(key::TIME_NS.to_owned(), now_ns().to_string());
-                let noted = self.recorder.note_run(self.run.clone());
-                let _ = reply.send(self.recorder.status());
-                noted
-            }
-        };
-        match result {
-            Ok(()) => Ok(()),
-            Err(error @ RecorderError::Thread { .. }) => Err(error.into()),
-            Err(error) => {
-                // Fails only where the client is gone.
-                let _ =
-                    reply.send(LoggerAnswer { error: error.to_string(), ..self.recorder.status() });
-                Ok(())
-            }
-        }
     }
 
     /// Writes the last messages and ends the file. The state is kept: a logger that is started

@@ -33,39 +33,19 @@ use std::sync::mpsc::{self, Receiver, Sender};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-use ipc_types::{Arrival, LoggerAnswer, LossCounters, SequenceTracker, TOPICS};
+use ipc_types::{Arrival, LoggerAnswer, LossCounters, RingStatus, SequenceTracker, Split, TOPICS};
 use recording::word;
+use runtime::clock::SECOND_NS;
 
+pub use crate::recorder_error::RecorderError;
+use crate::recorder_error::check_split;
 pub use crate::state::StartRequest;
 pub use crate::writer_queue::Outcome;
-use crate::writer_queue::{BYTES, Command, QueueSender, Shared, queue};
+use crate::writer_queue::{BYTES, Command, NextPart, QueueSender, RingParts, Shared, queue};
 use crate::writer_thread::{Opener, WriterEnd, open_file, run};
 
-/// Why a request was refused.
-#[derive(Debug, thiserror::Error)]
-pub enum RecorderError {
-    /// One recording at a time.
-    #[error("already recording to {path}: stop that first")]
-    Recording {
-        /// The file.
-        path: PathBuf,
-    },
-    /// There is none.
-    #[error("nothing is being recorded")]
-    NotRecording,
-    /// A relative path would depend on the logger's working directory.
-    #[error("{path}: expected an absolute path")]
-    RelativePath {
-        /// The path.
-        path: PathBuf,
-    },
-    /// The thread cannot be started, or ended.
-    #[error("the writer thread: {what}; restart the logger")]
-    Thread {
-        /// What is wrong.
-        what: String,
-    },
-}
+/// How long after an attempt to begin the next part that failed the next one is made.
+const SPLIT_AGAIN_NS: u64 = 10 * SECOND_NS;
 
 #[derive(Clone, Copy, Debug, Default)]
 struct Count {
@@ -86,13 +66,28 @@ pub struct RecorderFrontEnd {
     thread: Option<JoinHandle<()>>,
     counts: Vec<Count>,
     unknown: u64,
+    /// of the messages; another one for each part
     generation: u32,
+    /// that of the recording's first part
+    first_generation: u32,
     recording: Option<PathBuf>,
     /// when the recording and its present part began [ns, CLOCK_MONOTONIC]
     began_ns: u64,
     part_began_ns: u64,
+    split: Split,
+    /// the file of part 1
+    first: PathBuf,
+    ring: RingParts,
+    /// when the present part was begun by a split, or the recording [ns, CLOCK_MONOTONIC]
+    split_ns: u64,
+    /// when the next part was asked for, between that and its outcome [ns, CLOCK_MONOTONIC]
+    splitting_ns: Option<u64>,
+    /// no next part is asked for before [ns, CLOCK_MONOTONIC]
+    split_again_ns: u64,
     /// set between `stop` and its outcome
     stopping: bool,
+    /// whether the present part takes nothing any more
+    failed: bool,
     error: String,
 }
 
@@ -116,8 +111,7 @@ impl RecorderFrontEnd {
     ) -> Result<Self, RecorderError> {
         let (mut front, mut end) = Self::unattended(queue_bytes);
         let work = move || run(&mut end, state_directory.as_deref(), &opener);
-        let thread = std::thread::Builder::new()
-            .name("logger-disk".to_owned())
+        let thread = runtime::realtime::beside_loop("logger-disk")
             .spawn(work)
             .map_err(|error| RecorderError::Thread { what: error.to_string() })?;
         front.thread = Some(thread);
@@ -133,6 +127,7 @@ impl RecorderFrontEnd {
             generation: AtomicU32::new(0),
             written: counters(),
             refused: counters(),
+            part_bytes: AtomicU64::new(0),
         });
         let (commands, inbox) = mpsc::channel();
         let (outbox, outcomes) = mpsc::channel();
@@ -146,10 +141,18 @@ impl RecorderFrontEnd {
             counts: vec![Count::default(); TOPICS.len()],
             unknown: 0,
             generation: 0,
+            first_generation: 0,
             recording: None,
             began_ns: 0,
             part_began_ns: 0,
+            split: Split::default(),
+            first: PathBuf::new(),
+            ring: RingParts::default(),
+            split_ns: 0,
+            splitting_ns: None,
+            split_again_ns: 0,
             stopping: false,
+            failed: false,
             error: String::new(),
         };
         (front, end)
@@ -198,12 +201,18 @@ impl RecorderFrontEnd {
         if !request.path.is_absolute() {
             return Err(RecorderError::RelativePath { path: request.path });
         }
+        check_split(request.split)?;
         self.part_began_ns = self.shared.now_ns.load(Ordering::Relaxed);
         if request.began_ns == 0 {
             request.began_ns = self.part_began_ns;
         }
         self.began_ns = request.began_ns;
         self.generation = self.generation.wrapping_add(1);
+        self.first_generation = self.generation;
+        self.split = request.split;
+        self.split_ns = self.part_began_ns;
+        self.split_again_ns = 0;
+        self.splitting_ns = None;
         for (count, topic) in self.counts.iter_mut().zip(TOPICS) {
             count.dropped = 0;
             count.received_before = count.tracker.received();
@@ -212,10 +221,48 @@ impl RecorderFrontEnd {
                 count.tracker.resume(position.incarnation, position.next);
             }
         }
+        self.failed = false;
         self.error.clear();
         let path = request.path.clone();
+        self.first.clone_from(&path);
+        self.ring = RingParts::default();
         self.send(Command::Start { generation: self.generation, request })?;
         self.recording = Some(path);
+        Ok(())
+    }
+
+    /// Whether the present part is as long or as large as a part is to be.
+    pub fn split_due(&self) -> bool {
+        let now_ns = self.shared.now_ns.load(Ordering::Relaxed);
+        if self.recording.is_none()
+            || self.stopping
+            || self.splitting_ns.is_some()
+            || now_ns < self.split_again_ns
+        {
+            return false;
+        }
+        let bytes = self.shared.part_bytes.load(Ordering::Relaxed);
+        let own = self.own_counters();
+        let long =
+            self.split.every_ns.is_some_and(|every| now_ns.saturating_sub(self.split_ns) >= every);
+        long || self.split.every_bytes.is_some_and(|every| own && bytes >= every)
+    }
+
+    /// Begins the next part of the recording: everything pushed from now on belongs to it, and
+    /// everything before to the present one. `metadata` are those that are others by now. Whether
+    /// its file could be created comes as an [`Outcome`]; the recording goes on in any case.
+    ///
+    /// # Errors
+    /// [`RecorderError::NotRecording`], [`RecorderError::Thread`].
+    pub fn split(&mut self, metadata: BTreeMap<String, String>) -> Result<(), RecorderError> {
+        if self.recording.is_none() || self.stopping || self.splitting_ns.is_some() {
+            return Err(RecorderError::NotRecording);
+        }
+        let at_ns = self.shared.now_ns.load(Ordering::Relaxed);
+        self.generation = self.generation.wrapping_add(1);
+        let (generation, losses) = (self.generation, self.all_losses());
+        self.send(Command::Split(NextPart { generation, at_ns, metadata, losses }))?;
+        self.splitting_ns = Some(at_ns);
         Ok(())
     }
 
@@ -242,6 +289,8 @@ impl RecorderFrontEnd {
         }
         self.send(Command::Stop { losses: self.all_losses() })?;
         self.stopping = true;
+        // An error of a part before is no error of this; the end tells its own.
+        self.error.clear();
         Ok(())
     }
 
@@ -261,10 +310,34 @@ impl RecorderFrontEnd {
 
     fn note(&mut self, outcome: &Outcome) {
         match outcome {
-            Outcome::Started { path } => self.recording = Some(path.clone()),
-            Outcome::Failed { error } | Outcome::StateNotKept { error } => {
-                self.error.clone_from(error)
+            Outcome::Started { path, ring } => {
+                self.recording = Some(path.clone());
+                self.ring.clone_from(ring);
             }
+            Outcome::NextPart { path, ended, ring } => {
+                self.recording = Some(path.clone());
+                self.ring.clone_from(ring);
+                self.split_ns = self.splitting_ns.take().unwrap_or(self.split_ns);
+                self.failed = false;
+                match ended {
+                    // It could not be begun before.
+                    Ok(_) if self.split_again_ns > 0 => self.error.clear(),
+                    Ok(_) => {}
+                    Err(error) => self.error.clone_from(error),
+                }
+                self.split_again_ns = 0;
+            }
+            Outcome::NotSplit { error, ring } => {
+                self.ring.clone_from(ring);
+                let asked_ns = self.splitting_ns.take().unwrap_or(0);
+                self.split_again_ns = asked_ns.saturating_add(SPLIT_AGAIN_NS);
+                self.error.clone_from(error);
+            }
+            Outcome::Failed { error } => {
+                self.error.clone_from(error);
+                self.failed = true;
+            }
+            Outcome::StateNotKept { error } => self.error.clone_from(error),
             Outcome::NotStarted { error } | Outcome::StoppedWithError { error, .. } => {
                 self.error.clone_from(error);
                 self.recording = None;
@@ -287,7 +360,7 @@ impl RecorderFrontEnd {
     /// The counters of a topic, all of them of the present or last recording.
     pub fn losses(&self, topic: usize) -> LossCounters {
         let count = self.counts.get(topic).copied().unwrap_or_default();
-        let own = self.shared.generation.load(Ordering::Acquire) == self.generation;
+        let own = self.own_counters();
         let load = |list: &[AtomicU64]| {
             list.get(topic).filter(|_| own).map_or(0, |value| value.load(Ordering::Relaxed))
         };
@@ -300,6 +373,11 @@ impl RecorderFrontEnd {
             topic: topic as u32,
             ..LossCounters::default()
         }
+    }
+
+    /// Whether the writer thread's counters are those of this recording.
+    fn own_counters(&self) -> bool {
+        self.shared.generation.load(Ordering::Acquire) == self.first_generation
     }
 
     fn all_losses(&self) -> Vec<LossCounters> {
@@ -315,8 +393,26 @@ impl RecorderFrontEnd {
             recording: self.recording.as_ref().map(|path| path.to_string_lossy().into_owned()),
             written,
             lost,
+            ring: self.ring_status(),
             error: self.error.clone(),
         }
+    }
+
+    /// The parts of the recording, if it is a ring.
+    fn ring_status(&self) -> Option<RingStatus> {
+        let keep_ns = self.split.keep_ns.filter(|_| self.recording.is_some())?;
+        let present = match self.own_counters() {
+            true => self.shared.part_bytes.load(Ordering::Relaxed),
+            false => 0,
+        };
+        Some(RingStatus {
+            first: self.first.to_string_lossy().into_owned(),
+            parts: self.ring.numbers.clone(),
+            keep_ns,
+            bytes: self.ring.bytes + present,
+            removed: self.ring.removed,
+            not_removed: self.ring.not_removed,
+        })
     }
 
     /// Ends an open file cleanly but keeps its state, as dropping does, waits for the disk, and
@@ -329,6 +425,14 @@ impl RecorderFrontEnd {
     /// Whether a recording is running or being ended.
     pub fn recording(&self) -> bool {
         self.recording.is_some()
+    }
+    /// Whether a recording is running that takes messages.
+    pub fn writing(&self) -> bool {
+        self.recording.is_some() && !self.stopping && !self.failed
+    }
+    /// Whether the next part was asked for and its file is not there yet.
+    pub fn splitting(&self) -> bool {
+        self.splitting_ns.is_some()
     }
     /// Messages waiting for the disk.
     pub fn queued(&self) -> u64 {

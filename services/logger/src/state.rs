@@ -6,6 +6,7 @@ use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
+use ipc_types::Split;
 use recording::mcap_write::Positions;
 use serde::{Deserialize, Serialize};
 
@@ -31,6 +32,17 @@ pub struct StartRequest {
     /// The protocol that is being played; empty where none is.
     #[serde(default)]
     pub run: BTreeMap<String, String>,
+    /// When to go on in the next part.
+    #[serde(default)]
+    pub split: Split,
+    /// Of a ring: the number of each part that has ended and is there, and when it ended [ns,
+    /// CLOCK_MONOTONIC]; 0 where that is not known.
+    #[serde(default)]
+    pub ring_parts: Vec<(u32, u64)>,
+    /// The number of a part whose file was created while the one before it was still being ended;
+    /// 0 at other times.
+    #[serde(default)]
+    pub created: u32,
     /// Where the part before ended; empty for part 1. The messages between are counted as lost.
     #[serde(skip)]
     pub continues: Positions,
@@ -41,7 +53,13 @@ impl StartRequest {
     /// part before ended.
     #[must_use]
     pub fn next_part(self, continues: Positions) -> Self {
-        Self { part: self.part + 1, continues, ..self }
+        let mut ring_parts = self.ring_parts;
+        if self.split.keep_ns.is_some() {
+            ring_parts.push((self.part, 0));
+            ring_parts.extend(Some((self.created, 0)).filter(|(created, _)| *created > 0));
+        }
+        let part = self.part.max(self.created).saturating_add(1);
+        Self { part, created: 0, continues, ring_parts, ..self }
     }
 }
 
@@ -132,6 +150,7 @@ mod tests {
             metadata: BTreeMap::from([("rig".to_owned(), "hydrostatic \"x\"\n".to_owned())]),
             realtime_offset_ns: -5,
             began_ns: 3,
+            split: Split { every_bytes: Some(9), ..Split::default() },
             ..StartRequest::default()
         }
     }
@@ -159,5 +178,19 @@ mod tests {
         assert!(matches!(error, StateError::Damaged { .. }), "{error}");
         assert!(error.to_string().contains("recording.json.damaged"));
         assert_eq!(load(directory.path(), 7).unwrap(), None);
+    }
+
+    #[test]
+    fn a_ring_of_a_build_that_kept_no_times_is_refused() {
+        let directory = tempfile::tempdir().unwrap();
+        let ring = StartRequest { ring_parts: vec![(1, 5), (2, 0)], ..state() };
+        save(directory.path(), &ring).unwrap();
+        assert_eq!(load(directory.path(), 7).unwrap(), Some(ring));
+        let text = r#"{"session": 7, "path": "/data/ring.mcap", "part": 3, "metadata": {},
+            "realtime_offset_ns": 0, "ring_parts": [1, 2]}"#;
+        fs::write(directory.path().join(FILE), text).unwrap();
+        let error = load(directory.path(), 7).unwrap_err();
+        assert!(matches!(error, StateError::Damaged { .. }), "{error}");
+        assert!(error.to_string().contains("start the recording again"), "{error}");
     }
 }

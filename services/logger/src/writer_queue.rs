@@ -139,10 +139,47 @@ impl QueueReceiver {
 /// What the writer thread is told.
 #[derive(Debug)]
 pub(crate) enum Command {
-    Start { generation: u32, request: StartRequest },
-    NoteRun { run: BTreeMap<String, String> },
-    Stop { losses: Vec<LossCounters> },
-    Quit { losses: Vec<LossCounters> },
+    Start {
+        generation: u32,
+        request: StartRequest,
+    },
+    NoteRun {
+        run: BTreeMap<String, String>,
+    },
+    /// The messages of this generation belong to the next part.
+    Split(NextPart),
+    Stop {
+        losses: Vec<LossCounters>,
+    },
+    Quit {
+        losses: Vec<LossCounters>,
+    },
+}
+
+/// How the next part of a recording begins.
+#[derive(Debug)]
+pub(crate) struct NextPart {
+    /// That of its messages.
+    pub(crate) generation: u32,
+    /// When it begins [ns, CLOCK_MONOTONIC].
+    pub(crate) at_ns: u64,
+    /// Metadata that are others by now.
+    pub(crate) metadata: BTreeMap<String, String>,
+    /// Counters of the recording up to there.
+    pub(crate) losses: Vec<LossCounters>,
+}
+
+/// The parts of a ring.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct RingParts {
+    /// Numbers of those that are there, the present one last; empty where it is no ring.
+    pub numbers: Vec<u32>,
+    /// Size of those that have ended (bytes).
+    pub bytes: u64,
+    /// Parts that were removed.
+    pub removed: u64,
+    /// Parts that could not be removed.
+    pub not_removed: u64,
 }
 
 /// What the writer thread reports.
@@ -152,6 +189,25 @@ pub enum Outcome {
     Started {
         /// The file (its part number may be higher than requested).
         path: PathBuf,
+        /// Of a ring, its parts.
+        ring: RingParts,
+    },
+    /// The recording goes on in its next part.
+    NextPart {
+        /// The file.
+        path: PathBuf,
+        /// The part before; why it is not whole, if so.
+        ended: Result<Summary, String>,
+        /// Of a ring, its parts.
+        ring: RingParts,
+    },
+    /// The next part could not be begun; the recording goes on in the same one, unless that had
+    /// failed before.
+    NotSplit {
+        /// Why.
+        error: String,
+        /// Of a ring, its parts.
+        ring: RingParts,
     },
     /// The file could not be created; nothing is being recorded.
     NotStarted {
@@ -187,8 +243,11 @@ pub(crate) struct Shared {
     /// The recording whose counters these are: those of the one before go on until the thread
     /// begins the next, while the loop already asks for its own.
     pub(crate) generation: AtomicU32,
+    /// Of all parts.
     pub(crate) written: Vec<AtomicU64>,
     pub(crate) refused: Vec<AtomicU64>,
+    /// Size of the present part (bytes).
+    pub(crate) part_bytes: AtomicU64,
 }
 
 #[cfg(test)]

@@ -7,18 +7,21 @@ use std::sync::atomic::Ordering;
 use std::sync::mpsc::{Receiver, Sender, TryRecvError};
 use std::time::Duration;
 
-use ipc_types::LossCounters;
-use recording::mcap_write::{Start, WriteError, Writer, key};
+use ipc_types::{LossCounters, TOPICS};
+use recording::mcap_read::Recording;
+use recording::mcap_write::{Position, Positions, Start, Summary, WriteError, Writer, key};
+use recording::word;
 
+use crate::ring::Ring;
 use crate::state::{self, StartRequest};
-use crate::writer_queue::{Command, Outcome, QueueReceiver, Shared};
+use crate::writer_queue::{Command, NextPart, Outcome, QueueReceiver, Shared};
 
 /// Sleep when there is nothing to do; the queue holds seconds of messages.
 const IDLE: Duration = Duration::from_millis(5);
 /// Messages written between two checks of the time and the commands.
 const BATCH: usize = 512;
-/// Most parts of one recording.
-const PARTS_MAX: u32 = 10_000;
+/// Most numbers of parts that are passed over, because there are files of these names.
+const PASSED_OVER_MAX: u32 = 10_000;
 
 /// Opens the file of a recording; replaced in tests.
 pub type Opener = Box<dyn Fn(&Path, &Start, u64) -> Result<Writer, WriteError> + Send>;
@@ -56,6 +59,21 @@ pub(crate) struct Disk<'a> {
     /// of the recording in progress, as it is on the disk
     state: StartRequest,
     generation: u32,
+    /// by topic
+    parts: Vec<Parts>,
+    ring: Ring,
+}
+
+/// What the parts of a recording have of a topic.
+#[derive(Clone, Copy, Debug, Default)]
+struct Parts {
+    /// Where the newest message stands in its sender's sequence.
+    position: Option<Position>,
+    /// Counters of the recording up to the beginning of the present part.
+    before: LossCounters,
+    /// Of the parts that have ended.
+    written: u64,
+    refused: u64,
 }
 
 pub(crate) fn run(end: &mut WriterEnd, state_directory: Option<&Path>, opener: &Opener) {
@@ -83,6 +101,8 @@ impl<'a> Disk<'a> {
             writer: None,
             state: StartRequest::default(),
             generation: 0,
+            parts: vec![Parts::default(); TOPICS.len()],
+            ring: Ring::default(),
         }
     }
 
@@ -93,13 +113,14 @@ impl<'a> Disk<'a> {
         match self.end.inbox.try_recv() {
             Ok(Command::Start { generation, request }) => self.start(generation, request),
             Ok(Command::NoteRun { run }) => self.note_run(run),
-            Ok(Command::Stop { losses }) => self.stop(losses, true),
+            Ok(Command::Split(next)) => self.split(next),
+            Ok(Command::Stop { losses }) => self.stop(&losses, true),
             Ok(Command::Quit { losses }) => {
-                self.stop(losses, false);
+                self.stop(&losses, false);
                 return Turn::Ended;
             }
             Err(TryRecvError::Disconnected) => {
-                self.stop(Vec::new(), false);
+                self.stop(&[], false);
                 return Turn::Ended;
             }
             Err(TryRecvError::Empty) if worked == 0 => return Turn::Idle,
@@ -149,6 +170,15 @@ impl<'a> Disk<'a> {
         };
         let sound = writer.error().is_none();
         let result = writer.write(topic, message);
+        if result.is_ok()
+            && let Some(parts) = self.parts.get_mut(topic)
+        {
+            let (incarnation, next) = (word(message, 8), word(message, 16).saturating_add(1));
+            // A history repeats older messages.
+            let newest = parts.position.filter(|newest| newest.incarnation == incarnation);
+            let next = newest.map_or(next, |newest| newest.next.max(next));
+            parts.position = Some(Position { incarnation, next });
+        }
         self.publish(topic);
         if let Err(error) = result
             && sound
@@ -164,13 +194,14 @@ impl<'a> Disk<'a> {
     }
 
     fn publish(&self, topic: usize) {
-        let (Some(writer), Some(written), Some(refused)) =
-            (&self.writer, self.end.shared.written.get(topic), self.end.shared.refused.get(topic))
+        let Shared { written, refused, .. } = self.end.shared.as_ref();
+        let (Some(writer), Some(written), Some(refused), Some(parts)) =
+            (&self.writer, written.get(topic), refused.get(topic), self.parts.get(topic))
         else {
             return;
         };
-        written.store(writer.written_of(topic), Ordering::Relaxed);
-        refused.store(writer.refused_of(topic), Ordering::Relaxed);
+        written.store(parts.written + writer.written_of(topic), Ordering::Relaxed);
+        refused.store(parts.refused + writer.refused_of(topic), Ordering::Relaxed);
     }
 
     fn publish_all(&self) {
@@ -179,23 +210,50 @@ impl<'a> Disk<'a> {
 
     fn tick(&mut self) {
         let now_ns = self.now_ns();
-        if let Some(writer) = &mut self.writer
-            && let Err(error) = writer.tick(now_ns)
-        {
+        let Some(writer) = &mut self.writer else { return };
+        let ticked = writer.tick(now_ns);
+        self.end.shared.part_bytes.store(writer.bytes(), Ordering::Relaxed);
+        if let Err(error) = ticked {
             self.failed(&error);
         }
     }
 
-    fn start(&mut self, generation: u32, request: StartRequest) {
+    fn start(&mut self, generation: u32, mut request: StartRequest) {
         self.generation = generation;
         let shared = &self.end.shared;
         for count in shared.written.iter().chain(&shared.refused) {
             count.store(0, Ordering::Relaxed);
         }
+        shared.part_bytes.store(0, Ordering::Relaxed);
+        for (parts, topic) in self.parts.iter_mut().zip(TOPICS) {
+            let position = request.continues.get(topic.name).copied();
+            *parts = Parts { position, ..Parts::default() };
+        }
         // From here on the counters are those of this recording.
         shared.generation.store(generation, Ordering::Release);
+        let now_ns = self.now_ns();
+        self.ring = Ring::of(&request, now_ns);
+        // A logger that dies again and again may never end a part; and before the file is created,
+        // for which there may be no room otherwise.
+        self.ring.remove_old(&mut request, now_ns);
+        match self.open(&request, now_ns) {
+            Ok((part, writer)) => {
+                let path = writer.path().to_owned();
+                self.writer = Some(writer);
+                self.state = StartRequest { part, ..request };
+                self.save_state();
+                self.report(Outcome::Started { path, ring: self.ring.parts(&self.state) });
+            }
+            Err(error) => self.report(Outcome::NotStarted { error: error.to_string() }),
+        }
+    }
+
+    /// Creates the file of a part. Part 1 gets exactly the name requested: an existing file is
+    /// somebody's data. A later one gets the next free number, which is returned.
+    fn open(&self, request: &StartRequest, now_ns: u64) -> Result<(u32, Writer), WriteError> {
         let mut part = request.part.max(1);
-        let opened = loop {
+        let last = part.saturating_add(PASSED_OVER_MAX);
+        loop {
             let path = recording::part_path(&request.path, part);
             let start = Start {
                 realtime_offset_ns: request.realtime_offset_ns,
@@ -204,22 +262,88 @@ impl<'a> Disk<'a> {
                 run: request.run.clone(),
             }
             .with(key::PART, &part.to_string());
-            match (self.opener)(&path, &start, self.now_ns()) {
-                // Part 1 gets exactly the name requested: an existing file is somebody's data.
-                Err(WriteError::Exists { .. }) if part > 1 && part < PARTS_MAX => part += 1,
-                other => break other,
+            match (self.opener)(&path, &start, now_ns) {
+                Err(WriteError::Exists { .. }) if part > 1 && part < last => part += 1,
+                opened => return opened.map(|writer| (part, writer)),
             }
-        };
-        match opened {
-            Ok(writer) => {
-                let path = writer.path().to_owned();
-                self.writer = Some(writer);
-                self.state = StartRequest { part, ..request };
-                self.save_state();
-                self.report(Outcome::Started { path });
-            }
-            Err(error) => self.report(Outcome::NotStarted { error: error.to_string() }),
         }
+    }
+
+    /// Goes on in the next part. Its file is there before the present one is ended: where it cannot
+    /// be created, the recording goes on as it is.
+    fn split(&mut self, next: NextPart) {
+        // All of the present part; what was pushed since is of another generation.
+        while self.drain(BATCH) > 0 {}
+        let NextPart { generation, at_ns, metadata, losses } = next;
+        self.generation = generation;
+        // Where there is no file, the loop has been told.
+        if self.writer.is_none() {
+            return;
+        }
+        // Before the next file is created, for which there may be no room otherwise.
+        let removed = self.ring.remove_old(&mut self.state, at_ns);
+        let mut request = self.state.clone();
+        request.part += 1;
+        request.metadata.extend(metadata);
+        request.continues = self.positions();
+        let (part, writer) = match self.open(&request, at_ns) {
+            Ok(opened) => opened,
+            Err(error) => return self.not_split(&error, removed),
+        };
+        // Ending the present part may take the disk seconds: a logger that takes over must know of
+        // the file of the next one.
+        self.state.created = part;
+        self.save_state();
+        let path = writer.path().to_owned();
+        let Some(mut ended) = self.writer.replace(writer) else { return };
+        // The counters must hold what the last flush refuses; `finish` returns its error.
+        let _ = ended.flush();
+        let flushed_bytes = ended.bytes();
+        for (topic, parts) in self.parts.iter_mut().enumerate() {
+            parts.written += ended.written_of(topic);
+            parts.refused += ended.refused_of(topic);
+        }
+        let ended = self.finish(ended, &losses).map_err(|(error, _)| error);
+        for loss in losses {
+            if let Some(parts) = self.parts.get_mut(loss.topic as usize) {
+                parts.before = loss;
+            }
+        }
+        self.publish_all();
+        self.end.shared.part_bytes.store(0, Ordering::Relaxed);
+        let bytes = ended.as_ref().map_or(flushed_bytes, |summary| summary.bytes);
+        self.ring.end_part(&mut request, self.state.part, at_ns, bytes);
+        self.state = StartRequest { part, created: 0, ..request };
+        self.save_state();
+        self.report(Outcome::NextPart { path, ended, ring: self.ring.parts(&self.state) });
+    }
+
+    /// Where the present part ends: behind the newest messages, or where its file failed, behind
+    /// those that are in it.
+    fn positions(&self) -> Positions {
+        let failed = self.writer.as_ref().filter(|writer| writer.error().is_some());
+        if let Some(failed) = failed
+            && let Ok(part) = Recording::open_damaged(failed.path())
+            && let Ok(found) = part.end_positions()
+        {
+            return found;
+        }
+        let newest = self.parts.iter().zip(TOPICS);
+        newest.filter_map(|(of, topic)| Some((topic.name.to_owned(), of.position?))).collect()
+    }
+
+    /// Tells that the next part could not be begun, for which old ones may have been `removed`.
+    fn not_split(&self, error: &WriteError, removed: bool) {
+        // Their names may be somebody's from now on.
+        if removed {
+            self.save_state();
+        }
+        let present = match self.writer.as_ref().and_then(Writer::error) {
+            None => "this one goes on".to_owned(),
+            Some(cause) => format!("this one takes nothing any more ({cause})"),
+        };
+        let error = format!("the next part cannot be begun, and {present}: {error}");
+        self.report(Outcome::NotSplit { error, ring: self.ring.parts(&self.state) });
     }
 
     /// Writes the run into the file behind everything that was pushed before.
@@ -244,8 +368,9 @@ impl<'a> Disk<'a> {
         }
     }
 
-    /// Writes what is queued (everything pushed before the command), then ends the file.
-    fn stop(&mut self, mut losses: Vec<LossCounters>, clear_state: bool) {
+    /// Writes what is queued (everything pushed before the command), then ends the file. `losses`
+    /// are the counters of the recording.
+    fn stop(&mut self, losses: &[LossCounters], clear_state: bool) {
         while self.drain(BATCH) > 0 {}
         if clear_state
             && let Some(directory) = self.state_directory
@@ -259,23 +384,37 @@ impl<'a> Disk<'a> {
         }
         self.publish_all();
         let Some(writer) = self.writer.take() else { return };
-        for loss in &mut losses {
+        self.report(match self.finish(writer, losses) {
+            Ok(summary) => Outcome::Stopped(summary),
+            Err((error, refused)) => Outcome::StoppedWithError { error, refused },
+        });
+    }
+
+    /// Ends the file of a part with its own counters: those of the recording without those up to
+    /// its beginning. The error comes with the messages that the file refused.
+    fn finish(&self, writer: Writer, losses: &[LossCounters]) -> Result<Summary, (String, u64)> {
+        let of_part = |loss: &LossCounters| {
             let topic = loss.topic as usize;
-            loss.written = writer.written_of(topic);
-            loss.refused = writer.refused_of(topic);
-        }
-        let refused = writer.refused();
-        match writer.finish(&losses) {
-            Ok(summary) => self.report(Outcome::Stopped(summary)),
-            Err(error) => {
-                let refused = match &error {
-                    WriteError::DiskFull { refused, .. }
-                    | WriteError::Disk { refused, .. }
-                    | WriteError::Poisoned { refused, .. } => *refused,
-                    _ => refused,
-                };
-                self.report(Outcome::StoppedWithError { error: error.to_string(), refused });
+            let before = self.parts.get(topic).map(|parts| parts.before).unwrap_or_default();
+            LossCounters {
+                received: loss.received.saturating_sub(before.received),
+                gaps: loss.gaps.saturating_sub(before.gaps),
+                dropped: loss.dropped.saturating_sub(before.dropped),
+                written: writer.written_of(topic),
+                refused: writer.refused_of(topic),
+                ..*loss
             }
-        }
+        };
+        let losses: Vec<LossCounters> = losses.iter().map(of_part).collect();
+        let refused = writer.refused();
+        writer.finish(&losses).map_err(|error| {
+            let refused = match &error {
+                WriteError::DiskFull { refused, .. }
+                | WriteError::Disk { refused, .. }
+                | WriteError::Poisoned { refused, .. } => *refused,
+                _ => refused,
+            };
+            (error.to_string(), refused)
+        })
     }
 }

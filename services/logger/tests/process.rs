@@ -14,6 +14,7 @@ use ipc_types::*;
 use logger::{Logger, LoggerError, Options};
 use recording::mcap_read::Recording;
 use recording::mcap_write::key;
+use recording::{part_path, parts_of};
 use rig::RigFile;
 use runtime::{Keeper, Publisher, RigName, Service, call};
 
@@ -197,7 +198,13 @@ fn continues_with_the_next_part(bench: &mut Bench) -> Running {
     assert!(events(&second).contains(&replaced), "{:?}", events(&second));
     let answer = bench.ask(&LoggerRequest::Stop);
     assert!(answer.error.contains("nothing is being recorded"), "{}", answer.error);
+    let answer = bench.ask(&tag("nobody reads this"));
+    assert!(answer.error.contains("nothing is being recorded"), "{}", answer.error);
     logger
+}
+
+fn tag(text: &str) -> LoggerRequest {
+    LoggerRequest::Tag { author: "anna".to_owned(), text: text.to_owned() }
 }
 
 /// A recording that a person begins and ends; a gap in it is reported and counted.
@@ -208,6 +215,7 @@ fn records_on_request(bench: &mut Bench) {
     let request = |path: &Path| LoggerRequest::Start {
         path: path.to_str().unwrap().to_owned(),
         metadata: vec![("subject".to_owned(), "s02".to_owned())],
+        split: Split::default(),
     };
     std::thread::sleep(Duration::from_millis(200)); // the loop takes it before the start
     let answer = bench.ask(&request(&third));
@@ -216,6 +224,9 @@ fn records_on_request(bench: &mut Bench) {
     assert!(answer.error.contains("already recording"), "{}", answer.error);
     let metadata = vec![(key::PROTOCOL.to_owned(), "guided".to_owned())];
     assert_eq!(bench.ask(&LoggerRequest::Run { metadata }).error, "");
+    assert_eq!(bench.ask(&tag("elbow moved")).error, "");
+    let answer = bench.ask(&tag(&"a".repeat(200)));
+    assert!(answer.error.contains("found 206") && answer.recording.is_some(), "{answer:?}");
     bench.replace("{}");
     bench.publish(360..400);
     std::thread::sleep(Duration::from_millis(200));
@@ -232,6 +243,9 @@ fn records_on_request(bench: &mut Bench) {
     );
     assert_eq!(recording.metadata("axis.0.unit"), Some("rad"));
     assert_eq!(recording.metadata(key::REPLACED), Some(r#"{"control":["/bin/a","-x"]}"#));
+    let notes: Vec<_> =
+        events(&third).into_iter().filter(|(kind, _)| *kind == EventKind::Note).collect();
+    assert_eq!(notes, [(EventKind::Note, "anna: elbow moved".to_owned())]);
     let restored = (EventKind::ProcessRestored, "control".to_owned());
     let told = events(&third).into_iter().filter(|event| *event == restored).count();
     assert_eq!(told, 1, "{:?}", events(&third));
@@ -249,12 +263,81 @@ fn records_on_request(bench: &mut Bench) {
     assert!(answer.error.contains("never overwritten") && answer.recording.is_none(), "{answer:?}");
 }
 
+/// A recording in parts of a second: the seams cost nothing.
+fn records_in_parts(bench: &mut Bench) {
+    let path = bench.path("parts.mcap");
+    let split = Split { every_ns: Some(1_000_000_000), ..Split::default() };
+    let text = path.to_str().unwrap().to_owned();
+    let start = LoggerRequest::Start { path: text, metadata: Vec::new(), split };
+    assert_eq!(bench.ask(&start).error, "");
+    let mut tick = 100_000;
+    // Until the loop knows of it: what tells of a part's beginning is recorded in the part.
+    let third = bench.path("parts.part3.mcap").to_str().map(str::to_owned);
+    while bench.ask(&LoggerRequest::Status).recording != third {
+        bench.publish(tick..tick + 10);
+        tick += 10;
+        std::thread::sleep(Duration::from_millis(50));
+        assert!(tick < 200_000, "no third part");
+    }
+    let answer = bench.ask(&LoggerRequest::Stop);
+    assert_eq!((answer.lost, answer.error.as_str()), (0, ""));
+    let parts = parts_of(&path);
+    assert!(parts.len() >= 3, "{parts:?}");
+    let written: Vec<u64> = parts.iter().flat_map(|part| ticks(part)).collect();
+    assert_eq!(written, (100_000..tick).collect::<Vec<_>>());
+    for (number, part) in parts.iter().enumerate() {
+        let recording = Recording::open(part).unwrap();
+        assert!(!recording.check().unwrap().data_lost(), "part {}", number + 1);
+        assert_eq!(recording.metadata(key::RIG_FILE), Some(rig().text()));
+        // That it has begun is told in the part itself.
+        let begun = (EventKind::RecordingStarted, part.to_str().unwrap().to_owned());
+        assert!(events(part).contains(&begun), "{:?}", events(part));
+    }
+}
+
+/// A ring keeps the newest parts alone, and ends one on request.
+fn records_a_ring(bench: &mut Bench) {
+    let answer = bench.ask(&LoggerRequest::NextPart);
+    assert!(answer.error.contains("no ring") && answer.ring.is_none(), "{answer:?}");
+    let path = bench.path("ring.mcap");
+    let second = Some(1_000_000_000);
+    let split = Split { every_ns: second, keep_ns: second, every_bytes: None };
+    let text = path.to_str().unwrap().to_owned();
+    let start = LoggerRequest::Start { path: text.clone(), metadata: Vec::new(), split };
+    let answer = bench.ask(&start);
+    assert_eq!((answer.error.as_str(), answer.ring.unwrap().parts), ("", vec![1]));
+    let mut tick = 200_000;
+    while path.exists() {
+        bench.publish(tick..tick + 10);
+        tick += 10;
+        std::thread::sleep(Duration::from_millis(50));
+        assert!(tick < 300_000, "the first part stays");
+    }
+    let answer = bench.ask(&LoggerRequest::NextPart);
+    assert_eq!(answer.error, "");
+    let ring = answer.ring.unwrap();
+    assert_eq!((ring.first, ring.keep_ns, ring.not_removed), (text, 1_000_000_000, 0));
+    assert!(ring.removed >= 1 && ring.bytes > 0);
+    // Everything published before the request is in parts that have ended.
+    let (_, ended) = ring.parts.split_last().unwrap();
+    let ended: Vec<PathBuf> = ended.iter().map(|number| part_path(&path, *number)).collect();
+    let written: Vec<u64> = ended.iter().flat_map(|part| ticks(part)).collect();
+    assert_eq!(written, (written[0]..tick).collect::<Vec<_>>());
+    assert!(ended.iter().all(|part| Recording::open(part).unwrap().ended_cleanly()));
+    let first = Recording::open(&ended[0]).unwrap();
+    assert_eq!(first.metadata(key::RING), Some("1 s"));
+    let answer = bench.ask(&LoggerRequest::Stop);
+    assert_eq!((answer.lost, answer.error.as_str(), answer.ring), (0, "", None));
+}
+
 #[test]
 fn the_logger_from_first_message_to_second_part() {
     let mut bench = Bench::new();
     records_from_the_start(&mut bench);
     let logger = continues_with_the_next_part(&mut bench);
     records_on_request(&mut bench);
+    records_in_parts(&mut bench);
+    records_a_ring(&mut bench);
     logger.end();
 
     // a person ended the recording of this session: a restart does not begin it again

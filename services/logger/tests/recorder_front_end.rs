@@ -43,7 +43,7 @@ fn request(path: &Path) -> StartRequest {
 
 fn started(recorder: &mut RecorderFrontEnd) -> PathBuf {
     match recorder.wait(LONG).unwrap() {
-        Outcome::Started { path } => path,
+        Outcome::Started { path, .. } => path,
         other => panic!("{other:?}"),
     }
 }
@@ -200,6 +200,7 @@ fn a_full_disk_is_reported_once_and_what_it_refuses_is_counted() {
     };
     assert!(matches!(outcome, Outcome::Failed { .. }), "{outcome:?}");
     assert!(recorder.status().error.contains("disk is full"));
+    assert!(recorder.recording() && !recorder.writing(), "it takes nothing");
     push(&mut recorder, 1, sent..sent + 100);
     sent += 100;
     recorder.stop().unwrap();

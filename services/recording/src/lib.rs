@@ -4,6 +4,7 @@
 //! - [`mcap_write`]: the logger's writer. A killed logger leaves a readable file.
 //! - [`mcap_read`]: reads such files, whole or torn, also those of older builds.
 //! - [`mcap_edit`]: recover, cut and merge.
+//! - [`channel`]: how a topic is described to other programs, and its messages encoded.
 //! - [`record`]: a measured record, column by column, checked before use.
 //! - [`mod@column`]: columns that may be longer than the memory.
 //! - [`replaced`]: what a recording says of processes in whose place programs of others run.
@@ -12,6 +13,7 @@
 //! Nothing here reads a clock: times come in as arguments, in ns.
 #![forbid(unsafe_code)]
 
+pub mod channel;
 pub mod column;
 pub mod mcap_edit;
 pub mod mcap_read;

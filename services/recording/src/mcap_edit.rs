@@ -9,7 +9,7 @@ use mcap::records::{MessageHeader, Metadata};
 use mcap::write::NoSeek;
 
 use crate::mcap_read::{RawMessage, ReadError, Recording, Selection, in_order_of_time};
-use crate::mcap_write::{CONTINUES_RECORD, write_options};
+use crate::mcap_write::{CONTINUES_RECORD, RUN_RECORD, write_options};
 use crate::record_checksum::sealed;
 pub use crate::related::{check_one_session, check_related};
 
@@ -168,14 +168,22 @@ impl Copy<'_> {
     }
 
     /// Copies the metadata. Where the part before ended holds only for the beginning of the first
-    /// source: between the others, the sequence numbers themselves show the gap.
+    /// source: between the others, the sequence numbers themselves show the gap. A protocol that
+    /// went on in the next part is told once.
     fn metadata(&mut self, writer: &mut Output) -> Result<(), EditError> {
+        let mut runs = Vec::new();
         for (index, source) in self.sources.iter().enumerate() {
             self.report.tail_bytes_lost += source.tail.lost;
             self.report.attachments_left_out += source.attachments;
             for (name, metadata) in &source.metadata_records {
                 if name == CONTINUES_RECORD && (index > 0 || self.selection.from_ns.is_some()) {
                     continue;
+                }
+                if name == RUN_RECORD {
+                    if runs.contains(&metadata) {
+                        continue;
+                    }
+                    runs.push(metadata);
                 }
                 let record = Metadata { name: name.clone(), metadata: metadata.clone() };
                 writer.write_metadata(&record).map_err(self.failed)?;

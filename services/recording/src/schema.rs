@@ -9,6 +9,8 @@ use ipc_types::{CDR_HEADER, Field, Message, Primitive, Value};
 use re_ros_msg::MessageSchema;
 use re_ros_msg::message_spec::{ArraySize, BuiltInType, Type};
 
+use crate::channel::SCHEMA_ENCODING;
+
 /// Why a message of a recording cannot be decoded: its schema is not written in `ros2msg`, cannot
 /// be parsed, or has a field that is no number; or the payload is not little-endian CDR, or short.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -46,8 +48,8 @@ impl Layout {
     /// # Errors
     /// [`SchemaError`].
     pub fn parse(name: &str, encoding: &str, text: &str) -> Result<Self, SchemaError> {
-        if encoding != "ros2msg" {
-            let text = format!("{name}: expected encoding ros2msg, found {encoding}");
+        if encoding != SCHEMA_ENCODING {
+            let text = format!("{name}: expected encoding {SCHEMA_ENCODING}, found {encoding}");
             return Err(SchemaError(text));
         }
         let schema = MessageSchema::parse(name, text)

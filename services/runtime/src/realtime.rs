@@ -92,6 +92,16 @@ pub fn request_helper(fifo: bool) {
     }
 }
 
+/// Stack of a thread beside a loop, in bytes. [`lock_memory`] makes the whole of it resident, and
+/// the 2 MiB that a thread has otherwise are most of a process's memory.
+const BESIDE_LOOP_STACK: usize = 512 * 1024;
+
+/// A thread named `name` that shall run beside a loop in the same process (readiness, the
+/// operator's verbs, files), with a small stack.
+pub fn beside_loop(name: &str) -> std::thread::Builder {
+    std::thread::Builder::new().name(name.to_owned()).stack_size(BESIDE_LOOP_STACK)
+}
+
 /// Holds the processors awake while it lives; see [`stay_awake`].
 #[derive(Debug)]
 pub struct Awake(

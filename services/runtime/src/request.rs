@@ -276,15 +276,15 @@ pub fn call<Q: Serialize, A: DeserializeOwned>(
 
 #[cfg(test)]
 mod tests {
-    use ipc_types::{LOGGER_COMMANDS, LoggerRequest, Verb, WATCHDOG_COMMANDS};
+    use ipc_types::{LOGGER_COMMANDS, LoggerRequest, Split, Verb, WATCHDOG_COMMANDS};
     use proptest::prelude::*;
 
     use super::*;
 
     #[test]
     fn too_long_is_refused_before_it_is_sent() {
-        let request =
-            LoggerRequest::Start { path: "x".repeat(LOGGER_COMMANDS.bytes), metadata: Vec::new() };
+        let path = "x".repeat(LOGGER_COMMANDS.bytes);
+        let request = LoggerRequest::Start { path, metadata: Vec::new(), split: Split::default() };
         assert!(matches!(encode(&LOGGER_COMMANDS, &request), Err(RequestError::TooLong { .. })));
     }
 
@@ -301,8 +301,11 @@ mod tests {
         fn round_trip(
             path in ".{0,40}",
             metadata in prop::collection::vec((".{0,9}", ".{0,99}"), 0..4),
+            every_ns in any::<Option<u64>>(),
+            every_bytes in any::<Option<u64>>(),
         ) {
-            let request = LoggerRequest::Start { path, metadata };
+            let split = Split { every_ns, every_bytes, keep_ns: None };
+            let request = LoggerRequest::Start { path, metadata, split };
             let bytes = encode(&LOGGER_COMMANDS, &request).unwrap();
             prop_assert_eq!(decode::<LoggerRequest>("test", &bytes).unwrap(), request);
         }

@@ -206,7 +206,7 @@ impl Service {
         let stop = Arc::clone(&self.stop);
         let fifo = self.domain.fifo();
         let everywhere = self.everywhere;
-        std::thread::Builder::new().name("sd-notify".to_owned()).spawn(move || {
+        realtime::beside_loop("sd-notify").spawn(move || {
             realtime::request_helper(fifo);
             if let Some(everywhere) = everywhere {
                 // The loop alone is bound; where that is refused this thread waits for it.
@@ -308,7 +308,7 @@ fn limit_start(process: Process, started: Arc<AtomicBool>) {
         }
     };
     // Without the thread there is no limit here; the service manager has its own.
-    let _spawned = std::thread::Builder::new().name("start-limit".to_owned()).spawn(watch);
+    let _spawned = realtime::beside_loop("start-limit").spawn(watch);
 }
 
 /// Tells the service manager that the process is ready, and that it lives for as long as the loop

@@ -34,8 +34,7 @@ impl Worker {
     pub fn spawn(name: &str, work: impl FnOnce(&AtomicBool) + Send + 'static) -> io::Result<Self> {
         let stop = Arc::new(AtomicBool::new(false));
         let ending = Arc::clone(&stop);
-        let thread =
-            std::thread::Builder::new().name(name.to_owned()).spawn(move || work(&ending))?;
+        let thread = crate::realtime::beside_loop(name).spawn(move || work(&ending))?;
         Ok(Self { stop, thread: Some(thread) })
     }
 

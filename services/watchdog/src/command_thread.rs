@@ -163,7 +163,7 @@ pub(crate) fn start(
     shared: Arc<Shared>,
     stop: Arc<AtomicBool>,
 ) -> std::io::Result<std::thread::JoinHandle<()>> {
-    std::thread::Builder::new().name("verbs".to_owned()).spawn(move || {
+    runtime::realtime::beside_loop("verbs").spawn(move || {
         let guard = CommandThreadGuard { shared, stop };
         if let Err(error) = serve(&gate, &name, &guard.shared, &guard.stop) {
             eprintln!("farreach watchdog: the command thread ended: {error}");

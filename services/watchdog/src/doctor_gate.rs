@@ -47,7 +47,7 @@ impl DoctorGate {
 
     fn with_reader(reader: impl Fn() -> Option<String> + Send + 'static) -> std::io::Result<Self> {
         let (questions, asked) = sync_channel::<SyncSender<_>>(1);
-        std::thread::Builder::new().name("doctor-report".to_owned()).spawn(move || {
+        runtime::realtime::beside_loop("doctor-report").spawn(move || {
             while let Ok(answer) = asked.recv() {
                 // Fails where nobody waits any more.
                 let _ = answer.send(reader());

@@ -135,6 +135,15 @@ pub const LIST: &[Target] = &[
         read: requests::page,
     },
     Target {
+        name: "viewer",
+        about: "requests of the bridge's viewers",
+        form: Form::Json,
+        prefix: 0,
+        seeds: requests::viewer_seeds,
+        longest: 4096,
+        read: requests::viewer,
+    },
+    Target {
         name: "launcher",
         about: "files of launcher, keeper and console, the launcher's socket, `sd_notify`, \
                 `systemctl show`; written again, the same",

@@ -6,7 +6,10 @@ use std::io::{Cursor, Write};
 use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
 
-use ipc_types::{CDR_HEADER, Event, Message, SAMPLE, Sample, TOPICS, event_topic};
+use ipc_types::{
+    CDR_HEADER, EnableToken, Event, Message, Process, SAMPLE, Sample, Setpoint, TOPICS,
+    WatchdogState, event_topic,
+};
 use mcap::records::{MessageHeader, Metadata};
 use recorder::{BidsOptions, Command, ExportFormat, ExportOptions, LengthUnit};
 use recording::mcap_edit::rewrite;
@@ -248,6 +251,38 @@ fn sample(index: u64) -> Sample {
     sample
 }
 
+/// A setpoint that names the sample and the token of the same place, in a run of [`PROTOCOL`].
+fn setpoint(index: u64) -> Setpoint {
+    let of = sample(index);
+    let mut setpoint = Setpoint {
+        protocol: rig::identity(PROTOCOL),
+        player_ns: of.time_ns + 1,
+        sample_tick: of.tick,
+        sample_time_ns: of.scan_time_ns,
+        samples_received: index + 1,
+        token_incarnation: 2,
+        token_sequence: index,
+        renewed_ns: of.time_ns,
+        run_ns: sample(0).time_ns + 1,
+        epoch: 1,
+        order: 1,
+        run: 1,
+        owner: Process::Experiment.code(),
+        axes: 1,
+        ..Setpoint::default()
+    };
+    setpoint.stamp(1, 3, index, of.time_ns + 2);
+    setpoint
+}
+
+/// A token while power is allowed.
+fn token(index: u64) -> EnableToken {
+    let state = WatchdogState::Enabled.code();
+    let mut token = EnableToken { epoch: 1, state, ..EnableToken::default() };
+    token.stamp(1, 2, index, sample(index).time_ns);
+    token
+}
+
 /// As the logger writes it, with all of its topics; ended, or cut off.
 fn by_the_logger(samples: u64, ended: bool) -> Vec<u8> {
     let memory = Memory::default();
@@ -297,11 +332,17 @@ fn plain(topics: &[&str], messages: u64, chunk: u64) -> Vec<u8> {
             writer.add_channel(schema, topic.name, "cdr", &BTreeMap::new()).expect("memory");
         for index in 0..messages {
             let sample = sample(index);
-            let bytes = sample.as_bytes();
-            // Of other types, their first fields: session, incarnation, sequence, time.
-            let mut body = bytes[..32].to_vec();
-            body.resize(topic.size, 0);
-            let body = if topic.size == bytes.len() { bytes.to_vec() } else { body };
+            let body = match *name {
+                "sample" => sample.as_bytes().to_vec(),
+                "setpoint" => setpoint(index).as_bytes().to_vec(),
+                "token" => token(index).as_bytes().to_vec(),
+                _ => {
+                    // Their first fields: session, incarnation, sequence, time.
+                    let mut body = sample.as_bytes()[..32].to_vec();
+                    body.resize(topic.size, 0);
+                    body
+                }
+            };
             let data = [&CDR_HEADER[..], &body].concat();
             let log_time = sample.time_ns + 5;
             let sequence = index as u32;
@@ -350,14 +391,14 @@ fn by_others(chunked: bool) -> Vec<u8> {
 
 /// Files that are not compressed.
 pub(crate) fn plain_seeds() -> Vec<Vec<u8>> {
-    let events = event_topic(ipc_types::Process::Experiment).map(|topic| topic.topic.name);
+    let events = event_topic(Process::Experiment).map(|topic| topic.topic.name);
     let experiment: Vec<&str> =
         ["sample", "volume", "session", "performance"].into_iter().chain(events).collect();
     vec![
         plain(&["sample"], 12, 2000),
         plain(&experiment, 3, 1 << 20),
         plain(&["command", "model_state", "innovation"], 2, 1000),
-        plain(&["sample", "setpoint", "command", "token", "enable_line"], 3, 4000),
+        plain(&["sample", "token", "setpoint", "scanner", "command", "enable_line"], 3, 4000),
         plain(&[], 0, 1000),
         by_others(true),
         by_others(false),

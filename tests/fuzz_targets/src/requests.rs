@@ -112,9 +112,15 @@ pub(crate) fn seeds() -> Vec<Vec<u8>> {
         SimulatorRequest::Status,
     ];
     let logger = [
-        LoggerRequest::Start { path: "/data/run.mcap".to_owned(), metadata: pairs() },
+        LoggerRequest::Start {
+            path: "/data/run.mcap".to_owned(),
+            metadata: pairs(),
+            split: ipc_types::Split { every_ns: Some(600_000_000_000), ..Default::default() },
+        },
         LoggerRequest::Stop,
+        LoggerRequest::NextPart,
         LoggerRequest::Run { metadata: pairs() },
+        LoggerRequest::Tag { author: "anna".to_owned(), text: "elbow moved".to_owned() },
     ];
     let answer = ExperimentAnswer {
         scan: Some(ipc_types::ScanProgress { volumes: 3, missed: 1, ..Default::default() }),
@@ -173,4 +179,18 @@ static PAGE: LazyLock<Vec<String>> = LazyLock::new(|| {
 
 pub(crate) fn page_seeds() -> Vec<Vec<u8>> {
     PAGE.iter().map(|text| text.clone().into_bytes()).collect()
+}
+
+/// A request of a bridge's viewer.
+pub(crate) fn viewer(bytes: &[u8]) -> Outcome {
+    bridge::check_request(&String::from_utf8_lossy(bytes)).map(drop)
+}
+
+pub(crate) fn viewer_seeds() -> Vec<Vec<u8>> {
+    let requests = [
+        r#"{"op":"subscribe","subscriptions":[{"id":7,"channelId":1},{"id":8,"channelId":2}]}"#,
+        r#"{"op":"unsubscribe","subscriptionIds":[7,8]}"#,
+        r#"{"op":"advertise","channels":[{"id":1,"topic":"x","encoding":"json"}]}"#,
+    ];
+    requests.iter().map(|text| text.as_bytes().to_vec()).collect()
 }

@@ -8,10 +8,11 @@ use std::time::{Duration, Instant};
 use anyhow::{Context as _, bail};
 use ipc_types::{
     CARD_SCAN, COMMAND, CardScan, EnableToken, ExperimentRequest, GateCause, GateState,
-    LoggerRequest, MotorCommand, Process, PulseSource, SAMPLE, Sample, SimulatorRequest, TOKEN,
-    TripCause, Verb, WatchdogState,
+    LoggerRequest, MotorCommand, Process, PulseSource, SAMPLE, Sample, SimulatorRequest, Split,
+    TOKEN, TripCause, Verb, WatchdogState,
 };
 use operator::{RigLink, Up};
+use recording::mcap_write::key;
 use rig::load_protocol;
 use rig::protocol::Protocol;
 use runtime::Subscriber;
@@ -256,6 +257,9 @@ impl<'a> Session<'a> {
             client,
             pulses: PulseSource::Line,
         };
+        let played = [(key::PROTOCOL, &*protocol.name), (key::PROTOCOL_FILE, protocol.text())];
+        let metadata = played.map(|(key, value)| (key.to_owned(), value.to_owned())).into();
+        self.link.logger(&LoggerRequest::Run { metadata })?;
         loop {
             let begun = self.link.experiment(&request)?;
             if begun.error.is_empty() {
@@ -272,7 +276,8 @@ impl<'a> Session<'a> {
     /// Plays a protocol to its end into a recording of its own, and takes power away.
     pub(crate) fn record(&mut self, protocol: &Protocol, file: &Path) -> anyhow::Result<()> {
         let path = file.to_str().context("expected a path in UTF-8")?.to_owned();
-        let begun = self.link.logger(&LoggerRequest::Start { path, metadata: Vec::new() })?;
+        let start = LoggerRequest::Start { path, metadata: Vec::new(), split: Split::default() };
+        let begun = self.link.logger(&start)?;
         if !begun.error.is_empty() {
             bail!("the logger reports: {}", begun.error);
         }

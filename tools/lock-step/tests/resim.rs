@@ -1,13 +1,13 @@
-//! The cores of control, gate and watchdog, run again on what they published on the time grid: all
-//! of it is the same, and what was altered afterwards is found.
+//! The cores of control, gate, watchdog and experiment, run again on what they published on the
+//! time grid: all of it is the same, and what was altered afterwards is found.
 #![allow(clippy::unwrap_used)]
 
 mod cores;
 
 use acquisition::homing::Homing;
-use cores::{MOVEMENT, PROFILE, Published, Rig, SECOND, SESSION, Timeline};
-use ipc_types::{MotorCommand, Value};
-use resim::{NotCompared, OtherAxes, Recorded, Replay, Report, Rigs};
+use cores::{EXPERIMENT, MOVEMENT, PROFILE, Published, Rig, SECOND, SESSION, Timeline};
+use ipc_types::{MotorCommand, PulseSource, Value};
+use resim::{NotCompared, OtherAxes, Recorded, Replay, Report, Rigs, Runs};
 use rig::RigFile;
 
 const RIG: &str = include_str!("../../../launch/rigs/hydrostatic.toml");
@@ -18,7 +18,7 @@ fn rig() -> RigFile {
     RigFile::parse(RIG, "rig.toml").unwrap()
 }
 
-/// A movement, in whose midst control dies and comes back.
+/// A movement, in whose midst control dies and comes back; the movement then begins again.
 fn movement() -> Vec<Published> {
     let rig = rig();
     let (mut live, mut timeline) = (Rig::new(&rig, MOVEMENT), Timeline::new(&rig));
@@ -32,13 +32,18 @@ fn movement() -> Vec<Published> {
         }
         if stopped {
             live.restart_control(&rig);
+            live.play_again = true;
         }
     }
     live.published.unwrap()
 }
 
 fn replay(published: &[Published], other: Option<&RigFile>) -> Result<Report, OtherAxes> {
-    let mut replay = Replay::new(Rigs::new(rig(), PROFILE, 0), other, Vec::new())?;
+    let mut runs = Runs::default();
+    for protocol in [MOVEMENT, HOME] {
+        runs.push(0, protocol.to_owned(), PulseSource::Line);
+    }
+    let mut replay = Replay::new(Rigs::new(rig(), PROFILE, 0), runs, other, Vec::new())?;
     for message in published {
         replay.take(match message {
             Published::Sample(sample) => Recorded::Sample(sample),
@@ -74,6 +79,8 @@ fn a_movement_a_trip_and_a_new_control_are_the_same_again() {
     assert!(trip.faults.contains(&trip.recorded), "{trip:?}");
     let topics: Vec<_> = trip.inputs.iter().map(|used| used.topic).collect();
     assert_eq!(topics, ["sample", "command", "token"]);
+    let [begin] = report.cores[4].begins.as_slice() else { panic!("{:?}", report.cores[4]) };
+    assert_eq!((begin.incarnation, begin.from), (EXPERIMENT, "the first setpoint of the process"));
 }
 
 #[test]
@@ -148,7 +155,13 @@ fn a_sample_that_was_altered_shows_in_the_command_that_was_computed_from_it() {
 fn a_recording_that_begins_in_midst_of_it_is_compared_from_where_the_state_is_known() {
     let published = movement();
     let report = replay(&published[published.len() / 4..], None).unwrap();
-    let [control, gate, watchdog, _] = report.cores.as_slice() else { panic!("{report:?}") };
+    let [control, gate, watchdog, _, experiment] = report.cores.as_slice() else {
+        panic!("{report:?}")
+    };
+    // The player is under way until the trip, and known from the next start on.
+    assert!(experiment.compared > 200 && experiment.not_compared[&NotCompared::BeganBefore] > 500);
+    let [begin] = experiment.begins.as_slice() else { panic!("{experiment:?}") };
+    assert_eq!(begin.from, "the start of a protocol");
     // Control is under power until it dies, and its successor is known from its start on.
     assert_eq!(control.begins.len(), 1);
     assert!(control.compared > 900 && control.not_compared[&NotCompared::BeganBefore] > 100);
@@ -175,8 +188,11 @@ fn messages_that_are_missing_are_told_and_make_no_difference() {
         })
         .collect();
     let report = replay(&kept, None).unwrap();
-    let [control, gate, watchdog, _] = report.cores.as_slice() else { panic!("{report:?}") };
+    let [control, gate, watchdog, _, experiment] = report.cores.as_slice() else {
+        panic!("{report:?}")
+    };
     assert!(report.agrees(), "{report:?}");
+    assert!(experiment.not_compared[&NotCompared::InputMissing] >= 1);
     assert_eq!(gate.compared, gate.messages, "cycles without a sample stand at even times");
     assert!(control.not_compared[&NotCompared::InputMissing] >= 1);
     assert!(watchdog.not_compared[&NotCompared::InputMissing] >= 1);

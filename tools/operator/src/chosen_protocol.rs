@@ -209,7 +209,7 @@ impl ChosenProtocol {
             ("protocol_identity", original.map(|identity| format!("{identity:016x}"))),
             (key::SUBJECT, subject.clone()),
             ("continued_after_session", continues.map(|over| over.to_string())),
-            ("scanner_pulses", (*pulses != PulseSource::Line).then(|| pulses.to_string())),
+            (key::SCANNER_PULSES, (*pulses != PulseSource::Line).then(|| pulses.to_string())),
         ];
         entries.into_iter().filter_map(|(key, value)| Some((key.to_owned(), value?))).collect()
     }

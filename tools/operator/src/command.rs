@@ -3,18 +3,23 @@
 mod actions;
 mod faults;
 mod show_status;
+mod snapshot;
+mod split;
 mod up_down;
 
 use std::net::SocketAddr;
 use std::path::PathBuf;
+use std::time::Duration;
 
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::{Args, Subcommand};
-use ipc_types::{CardKind, Profile, Verb};
+use ipc_types::{CardKind, Profile, Split, Verb};
 use runtime::RigName;
 
 use crate::RunOptions;
 pub use faults::{FaultArguments, FaultCommand};
+pub use snapshot::{SnapshotArguments, Trigger};
+use split::{parse_split, ring_of, whichever_first};
 
 /// Where the console listens unless told: not to be reached from other computers.
 const CONSOLE_AT: &str = "127.0.0.1:8321";
@@ -127,11 +132,13 @@ pub enum Command {
     Fault(FaultArguments),
 }
 
-/// `farreach rec start`, `farreach rec stop`: the recording of a rig that is up.
+/// `farreach rec start`, `rec stop` and `rec tag`: the recording of a rig that is up.
 #[derive(Clone, Debug, Subcommand)]
 pub enum Recording {
     /// Starts recording all topics of a rig that is up
-    #[command(after_help = "Example:\n  farreach rec start S07.mcap --metadata subject=S07")]
+    #[command(after_help = "Examples:\n  farreach rec start S07.mcap --metadata subject=S07\n  \
+        farreach rec start long.mcap --split 10min --split 2GB\n  \
+        farreach rec start --ring 30s /dev/shm/ring.mcap")]
     Start {
         /// MCAP file to create; it must not exist
         #[arg(value_name = "FILE")]
@@ -139,13 +146,40 @@ pub enum Recording {
         /// Metadata to store in the recording (repeatable)
         #[arg(long, value_name = "KEY=VALUE", value_parser = parse_key_value)]
         metadata: Vec<(String, String)>,
+        /// Goes on in another file (S07.part2.mcap, …) whenever one is so long (10min) or so large
+        /// (500MB), without losing a message; given twice, at whichever comes first
+        #[arg(long, value_name = "TIME|SIZE", value_parser = parse_split)]
+        split: Vec<Split>,
+        /// Keeps only so much of the past, in parts of FILE of which the oldest are removed, for
+        /// `rec snapshot`
+        #[arg(long, value_name = "TIME", conflicts_with = "split",
+            value_parser = humantime::parse_duration)]
+        ring: Option<Duration>,
         #[command(flatten)]
         #[allow(missing_docs)]
         json: OutputFormat,
     },
+    /// Writes what a ring holds into a file, and what comes then
+    #[command(after_help = "Examples:\n  farreach rec snapshot --after 5s odd-noise.mcap\n  \
+        farreach rec snapshot --on trip --before 10s --after 5s trip.mcap")]
+    Snapshot(SnapshotArguments),
     /// Stops the recording; returns once everything is on disk. Exit code 3 if messages were lost
     #[command(after_help = "Example:\n  farreach rec stop && farreach rec verify S07.mcap")]
     Stop(OutputFormat),
+    /// Puts a note into the running recording, with time and author: an event, which `rec info`
+    /// lists and exports have
+    #[command(after_help = "Example:\n  farreach rec tag \"subject moved the elbow\"")]
+    Tag {
+        /// What it says: a line
+        #[arg(value_name = "TEXT")]
+        text: String,
+        /// Who says it; the user who calls, if left out
+        #[arg(long, value_name = "NAME")]
+        author: Option<String>,
+        #[command(flatten)]
+        #[allow(missing_docs)]
+        json: OutputFormat,
+    },
 }
 
 /// Reads `KEY=VALUE`.
@@ -302,16 +336,21 @@ pub fn run(command: Command, rig_name: &RigName) -> anyhow::Result<i32> {
     }
 }
 
-/// Starts or stops a recording; returns the exit code.
+/// Starts, stops or tags a recording; returns the exit code.
 ///
 /// # Errors
 /// [`crate::Error`], or an I/O error if the output cannot be written.
 pub fn record(command: Recording, rig_name: &RigName) -> anyhow::Result<i32> {
     match command {
-        Recording::Start { file, metadata, json: OutputFormat { json } } => {
-            actions::start_recording(rig_name, &file, metadata, json)
+        Recording::Start { file, metadata, split, ring, json: OutputFormat { json } } => {
+            let split = ring.map_or_else(|| whichever_first(&split), ring_of);
+            actions::start_recording(rig_name, &file, metadata, split, json)
         }
+        Recording::Snapshot(arguments) => snapshot::snapshot(rig_name, &arguments),
         Recording::Stop(OutputFormat { json }) => actions::stop_recording(rig_name, json),
+        Recording::Tag { text, author, json: OutputFormat { json } } => {
+            actions::tag(rig_name, text, author, json)
+        }
     }
 }
 

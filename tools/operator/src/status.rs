@@ -12,8 +12,8 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use ipc_types::{
     AXES, CardKind, EnableToken, ExperimentRequest, GateCause, GateState, InjectedFault,
-    LoggerRequest, ModelStatus, Process, Profile, ScanProgress, SimulatorRequest, TOPICS,
-    TripCause, WatchdogState,
+    LoggerRequest, ModelStatus, Process, Profile, RingStatus, ScanProgress, SimulatorRequest,
+    TOPICS, TripCause, WatchdogState,
 };
 use launch::{RigState, Supervision, UnitState};
 use runtime::{DomainError, HostStall, Losses, RigName};
@@ -203,6 +203,8 @@ pub struct RecordingStatus {
     pub written: u64,
     /// Messages lost.
     pub lost: u64,
+    /// Its parts, if it is a ring; `null` otherwise.
+    pub ring: Option<RingStatus>,
     /// The logger's error; empty if there is none.
     pub error: String,
 }
@@ -279,6 +281,7 @@ impl Watcher {
             file: answer.recording,
             written: answer.written,
             lost: answer.lost,
+            ring: answer.ring,
             error: answer.error,
         });
         // The volumes of a protocol that has ended are in the recording.

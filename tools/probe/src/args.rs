@@ -162,7 +162,11 @@ fn seconds(text: &str) -> Result<f64, String> {
     within(text, 0.1, 86_400.0)
 }
 
-fn period(text: &str) -> Result<f64, String> {
+/// Reads a time between two messages (s), for the command line.
+///
+/// # Errors
+/// If it is none, or out of range.
+pub fn period(text: &str) -> Result<f64, String> {
     within(text, 0.001, 86_400.0)
 }
 

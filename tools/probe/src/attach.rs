@@ -26,7 +26,10 @@ pub(crate) fn topic(name: &str) -> anyhow::Result<&'static Topic> {
 }
 
 /// The topics of these names, each once; all if none is given.
-pub(crate) fn topics(names: &[String]) -> anyhow::Result<Vec<&'static Topic>> {
+///
+/// # Errors
+/// If there is no topic of one of the names.
+pub fn topics(names: &[String]) -> anyhow::Result<Vec<&'static Topic>> {
     if names.is_empty() {
         return Ok(TOPICS.iter().collect());
     }
@@ -48,7 +51,7 @@ struct Feed {
 }
 
 /// A rig to whose topics this probe subscribes, until a signal arrives or the rig goes down.
-pub(crate) struct Attached {
+pub struct Attached {
     feeds: Vec<Feed>,
     streams: Vec<Stream>,
     since_ns: u64,
@@ -62,11 +65,10 @@ pub(crate) struct Attached {
 
 impl Attached {
     /// Subscribes to topics, to be polled every `period_ns`.
-    pub(crate) fn new(
-        rig: &RigName,
-        topics: &[&'static Topic],
-        period_ns: u64,
-    ) -> anyhow::Result<Self> {
+    ///
+    /// # Errors
+    /// If there is no rig of that name, or a topic cannot be subscribed to.
+    pub fn new(rig: &RigName, topics: &[&'static Topic], period_ns: u64) -> anyhow::Result<Self> {
         // SIGHUP: the terminal was closed.
         let stop = stop_on(&[SIGINT, SIGTERM, SIGHUP])?;
         let domain = Domain::observe(rig)?;
@@ -121,7 +123,7 @@ impl Attached {
     }
 
     fn went_down(&self) -> anyhow::Error {
-        anyhow!("rig {} went down; the probe ends with it", self.domain.name())
+        anyhow!("rig {} went down; what observes it ends with it", self.domain.name())
     }
 
     fn take_all(&mut self, sink: &mut dyn FnMut(&Arrived<'_>)) -> anyhow::Result<()> {
@@ -172,7 +174,7 @@ impl Source for Attached {
 }
 
 /// Seconds as ns.
-pub(crate) fn ns(seconds: f64) -> u64 {
+pub fn ns(seconds: f64) -> u64 {
     Duration::from_secs_f64(seconds).as_nanos() as u64
 }
 

@@ -54,13 +54,7 @@ impl Element {
 
     /// Its unit, from the documentation of the field; empty where that names none.
     pub(crate) fn unit(&self) -> &'static str {
-        let doc = self.field.doc.trim();
-        let given = [('(', ')'), ('[', ']')].into_iter().find_map(|(open, close)| {
-            let (_, unit) = doc.strip_suffix(close)?.rsplit_once(open)?;
-            Some(unit.split_once(',').map_or(unit, |(unit, _)| unit))
-        });
-        // Longer text in brackets is an explanation.
-        given.filter(|unit| unit.chars().count() <= 16).unwrap_or_default()
+        self.field.unit()
     }
 }
 

@@ -57,7 +57,11 @@ use std::io::Write;
 
 use runtime::RigName;
 
-pub use args::Command;
+pub use args::{Command, period};
+pub use attach::{Attached, ns, topics};
+pub use scope::channel;
+pub use stream::{Arrived, Progress, Sent, Source, Stamp, Stream};
+pub use thinning::Thinning;
 
 /// Runs the command and prints to standard output; returns the exit code.
 ///

@@ -6,19 +6,19 @@ use recording::word;
 
 /// One topic: the layout of its messages, and what has come of it.
 #[derive(Clone, Debug)]
-pub(crate) struct Stream {
+pub struct Stream {
     /// Name of the topic.
-    pub(crate) name: String,
+    pub name: String,
     /// The process that publishes it; empty where a recording does not say.
-    pub(crate) owner: String,
+    pub owner: String,
     /// Name of the message type.
-    pub(crate) kind: String,
+    pub kind: String,
     /// Fields in order; empty where a recording has them in a form that cannot be read.
-    pub(crate) fields: Vec<LayoutField>,
+    pub fields: Vec<LayoutField>,
     /// Bytes of a message.
-    pub(crate) size: usize,
+    pub size: usize,
     /// Messages that a late subscriber still gets; 0 in a recording.
-    pub(crate) history: usize,
+    pub history: usize,
     identity: Option<Identity>,
     tracker: SequenceTracker,
     incarnation: Option<u64>,
@@ -35,19 +35,19 @@ struct Identity {
 
 /// What a message says of its sending.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Sent {
+pub struct Sent {
     /// Incarnation of the sender; 0 where the message does not say.
-    pub(crate) incarnation: u64,
+    pub incarnation: u64,
     /// When it was published (ns, CLOCK_MONOTONIC).
-    pub(crate) time_ns: u64,
+    pub time_ns: u64,
     /// `Some` where the messages before it are interrupted: how many are missing; 0 where their
     /// sender was started anew.
-    pub(crate) gap: Option<u64>,
+    pub gap: Option<u64>,
 }
 
 /// By which clock a message came.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Stamp {
+pub enum Stamp {
     /// Received by this program (ns, CLOCK_MONOTONIC).
     Received(u64),
     /// Written to the recording (ns since 1970).
@@ -56,7 +56,7 @@ pub(crate) enum Stamp {
 
 impl Stamp {
     /// The time (ns), by whichever clock.
-    pub(crate) const fn ns(self) -> u64 {
+    pub const fn ns(self) -> u64 {
         match self {
             Self::Received(ns) | Self::Logged(ns) => ns,
         }
@@ -65,18 +65,20 @@ impl Stamp {
 
 /// A message.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Arrived<'a> {
+pub struct Arrived<'a> {
     /// Index of its topic in [`Source::streams`].
-    pub(crate) stream: usize,
+    pub stream: usize,
     /// Its fields, laid out as [`Stream::fields`] says.
-    pub(crate) bytes: &'a [u8],
-    pub(crate) sent: Sent,
-    pub(crate) stamp: Stamp,
+    pub bytes: &'a [u8],
+    /// Who sent it, and when.
+    pub sent: Sent,
+    /// When it came.
+    pub stamp: Stamp,
 }
 
 /// What a [`Source`] has come to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Progress {
+pub enum Progress {
     /// Every message published until then has been handed on (ns, by the clock of [`Stamp`]).
     UpTo(u64),
     /// There will be no more.
@@ -84,7 +86,7 @@ pub(crate) enum Progress {
 }
 
 /// Where messages come from.
-pub(crate) trait Source {
+pub trait Source {
     /// The topics.
     fn streams(&self) -> &[Stream];
 
@@ -109,7 +111,7 @@ pub(crate) trait Source {
 
 impl Stream {
     /// A topic of a running rig.
-    pub(crate) fn of_topic(topic: &Topic) -> Self {
+    pub fn of_topic(topic: &Topic) -> Self {
         let fields = topic.fields.iter().map(|field| Field {
             name: field.name.to_owned(),
             primitive: field.primitive,
@@ -175,7 +177,7 @@ impl Stream {
 
     /// Counts a message, and what is missing before it. `otherwise_ns` is the time of one that does
     /// not say when it was published.
-    pub(crate) fn see(&mut self, bytes: &[u8], otherwise_ns: u64) -> Sent {
+    pub fn see(&mut self, bytes: &[u8], otherwise_ns: u64) -> Sent {
         self.received += 1;
         let Some(at) = self.identity else {
             return Sent { incarnation: 0, time_ns: otherwise_ns, gap: None };
@@ -198,12 +200,12 @@ impl Stream {
     }
 
     /// Messages missing in the sequence of their senders.
-    pub(crate) fn lost(&self) -> u64 {
+    pub fn lost(&self) -> u64 {
         self.tracker.gaps()
     }
 
     /// The field of that name.
-    pub(crate) fn field(&self, name: &str) -> Option<&LayoutField> {
+    pub fn field(&self, name: &str) -> Option<&LayoutField> {
         self.fields.iter().find(|field| field.name == name)
     }
 }

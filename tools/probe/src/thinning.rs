@@ -2,7 +2,7 @@
 
 /// Decides which messages are printed.
 #[derive(Clone, Debug)]
-pub(crate) struct Thinning {
+pub struct Thinning {
     /// ns; 0: all are printed
     period_ns: u64,
     /// from when on the next one is printed, and when the one before was published (ns)
@@ -12,13 +12,13 @@ pub(crate) struct Thinning {
 
 impl Thinning {
     /// One message in `period_ns` at most; all if that is 0.
-    pub(crate) const fn new(period_ns: u64) -> Self {
+    pub const fn new(period_ns: u64) -> Self {
         Self { period_ns, due: None, skipped: 0 }
     }
 
     /// Whether a message that was published at this time is printed: the first one, and the first
     /// of each further period, counted from it.
-    pub(crate) fn takes(&mut self, time_ns: u64) -> bool {
+    pub fn takes(&mut self, time_ns: u64) -> bool {
         if self.period_ns == 0 {
             return true;
         }
@@ -39,7 +39,7 @@ impl Thinning {
     }
 
     /// Messages that were not printed.
-    pub(crate) const fn skipped(&self) -> u64 {
+    pub const fn skipped(&self) -> u64 {
         self.skipped
     }
 }

@@ -2,11 +2,12 @@
 
 use std::collections::BTreeMap;
 use std::ops::Deref;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use recording::mcap_edit::{check_related, rewrite};
-use recording::mcap_read::Recording;
+use recording::mcap_read::{ReadError, Recording};
 use recording::parts_of;
+use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 use tempfile::TempDir;
 
 /// A recording; where it has several parts, a copy of them in one file, which goes with it.
@@ -25,10 +26,7 @@ impl AllParts {
         let [_, _, ..] = parts.as_slice() else {
             return Ok(Self { recording: Recording::open(file)?, _copy: None });
         };
-        let mut recordings = Vec::with_capacity(parts.len());
-        for part in &parts {
-            recordings.push(Recording::open(part)?);
-        }
+        let recordings = open_all(&parts)?;
         let sources: Vec<&Recording> = recordings.iter().collect();
         // A file that only bears such a name is no part.
         if check_related(&sources).is_err() {
@@ -47,4 +45,15 @@ impl Deref for AllParts {
     fn deref(&self) -> &Recording {
         &self.recording
     }
+}
+
+/// Opens recordings, however many, each of which keeps its file open.
+///
+/// # Errors
+/// Where one cannot be read.
+pub(crate) fn open_all(files: &[PathBuf]) -> Result<Vec<Recording>, ReadError> {
+    let limit = getrlimit(Resource::Nofile);
+    // Where it is refused, or is not enough, opening tells which file is one too many.
+    let _ = setrlimit(Resource::Nofile, Rlimit { current: limit.maximum, ..limit });
+    files.iter().map(|file| Recording::open(file)).collect()
 }

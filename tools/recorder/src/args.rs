@@ -81,8 +81,8 @@ pub enum Command {
         #[arg(long)]
         json: bool,
     },
-    /// Joins the parts that a restart of the logger left, in the order of time. Messages that
-    /// several files hold are copied once.
+    /// Joins the parts that `rec start --split`, or a restart of the logger, left, in the order of
+    /// time. Messages that several files hold are copied once.
     ///
     /// Example: farreach rec merge run.mcap run.part2.mcap -o whole.mcap
     Merge {
@@ -146,9 +146,9 @@ pub enum Command {
         #[arg(long)]
         json: bool,
     },
-    /// Runs the cores of control, gate and watchdog again on the recorded inputs and compares every
-    /// command, token and decision of the gate with the recorded one, bit for bit; says why the
-    /// watchdog tripped, and from what. Exit code 3 where something differs.
+    /// Runs the cores of control, gate, watchdog and experiment again on the recorded inputs and
+    /// compares every command, token, setpoint and decision of the gate with the recorded one, bit
+    /// for bit; says why the watchdog tripped, and from what. Exit code 3 where something differs.
     ///
     /// Example: farreach rec resim run.mcap
     Resim {
@@ -185,6 +185,7 @@ pub enum Command {
     /// of one topic, MATLAB files, or part of a BIDS dataset.
     ///
     /// Example: farreach rec export run.mcap --to csv > run.csv;
+    /// farreach rec export run.mcap --to parquet --topic sample -o sample.parquet;
     /// farreach rec export S07.mcap --to mat -o S07_;
     /// farreach rec export S07.mcap --to bids -o study
     Export {
@@ -202,18 +203,22 @@ pub struct ExportOptions {
     /// Format.
     #[arg(long, value_enum)]
     pub to: ExportFormat,
-    /// All fields of this topic instead of the measured record (csv).
+    /// All fields of this topic instead of the measured record (csv, parquet).
     #[arg(long)]
     pub topic: Option<String>,
-    /// Unit of the axis, for the names of the columns (csv).
+    /// Unit of the axis, for the names of the columns of the measured record (csv, parquet).
     #[arg(long, value_enum, default_value_t = LengthUnit::Rad)]
     pub unit: LengthUnit,
-    /// Axis, from 0 (csv).
+    /// Axis of the measured record, from 0 (csv, parquet).
     #[arg(long, default_value_t = 0)]
     pub axis: usize,
-    /// The new file, never overwritten, stdout where not given (csv); the name of the new files
-    /// (mat); the folder of the dataset, new or not (bids).
-    #[arg(short, long, required_if_eq_any([("to", "mat"), ("to", "bids")]))]
+    /// The new file, never overwritten (csv: stdout where not given; parquet); the name of the new
+    /// files (mat); the folder of the dataset, new or not (bids).
+    #[arg(
+        short,
+        long,
+        required_if_eq_any([("to", "parquet"), ("to", "mat"), ("to", "bids")])
+    )]
     pub out: Option<PathBuf>,
     /// How the runs are named in a dataset.
     #[command(flatten)]
@@ -261,6 +266,9 @@ impl BidsOptions {
 pub enum ExportFormat {
     /// Comma-separated values with a header.
     Csv,
+    /// Apache Parquet: what csv has, with typed columns, and rig, session and units of the columns
+    /// in the metadata of the file.
+    Parquet,
     /// MATLAB, version 5: a file for each session, `OUT1.mat`, `OUT2.mat`, … (`OUT1_1.mat`, … of
     /// a recording with several runs; `OUT2_stopped.mat` for one that was stopped); `OUT.mat` for
     /// a recording without sessions. All signals with names and units, events, the subject's bar.

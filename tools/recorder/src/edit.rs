@@ -2,13 +2,15 @@
 
 use std::collections::BTreeMap;
 use std::io::Write;
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 
-use anyhow::bail;
+use anyhow::{Context, bail};
 use recording::mcap_edit::{EditReport, check_one_session, rewrite};
 use recording::mcap_read::{Recording, Selection};
 use recording::mcap_write::key;
 
+use crate::all_parts::open_all;
 use crate::inspect::grouped;
 use crate::progress::Progress;
 use crate::replacements::note_for_copy;
@@ -84,8 +86,7 @@ pub(crate) fn merge(
     json: bool,
     out: &mut dyn Write,
 ) -> anyhow::Result<i32> {
-    let recordings =
-        files.iter().map(|file| Recording::open(file)).collect::<Result<Vec<_>, _>>()?;
+    let recordings = open_all(files)?;
     let sources: Vec<&Recording> = recordings.iter().collect();
     if !force {
         check_one_session(&sources)?;
@@ -98,6 +99,89 @@ pub(crate) fn merge(
         || recordings.iter().any(|recording| exit_code_of_tail(recording) == DATA_LOST);
     report_edit(&report, to, json, lost, out)?;
     Ok(if lost { DATA_LOST } else { DONE })
+}
+
+/// A part of a recording.
+#[derive(Clone, Debug)]
+pub struct Part {
+    /// What it is called.
+    pub name: PathBuf,
+    /// Where it is read.
+    pub at: PathBuf,
+}
+
+/// What was copied out of the parts of a recording.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Copied {
+    /// How many messages there were.
+    pub messages: u64,
+    /// The interval that they make [ns, CLOCK_MONOTONIC].
+    pub times_ns: Range<u64>,
+    /// Whether messages are missing: one of the parts was cut off or is damaged, or the copy has
+    /// gaps.
+    pub lost: bool,
+}
+
+/// Copies what parts of a recording, all of which have ended, hold of an interval of time [ns,
+/// CLOCK_MONOTONIC] into a new file, with `notes`. The parts are given in their order.
+///
+/// # Errors
+/// Where they hold nothing of it or cannot be read, or the file is there already.
+pub fn copy_interval(
+    parts: &[Part],
+    times_ns: Range<u64>,
+    notes: BTreeMap<String, String>,
+    to: &Path,
+) -> anyhow::Result<Copied> {
+    let mut found = Vec::with_capacity(parts.len());
+    let mut offset_ns = 0;
+    for Part { name, at } in parts {
+        let recording = Recording::open(at).with_context(|| name.display().to_string())?;
+        offset_ns = recording.realtime_offset_ns().unwrap_or(offset_ns);
+        let contents = recording.contents_or_check();
+        let span_ns = contents.with_context(|| name.display().to_string())?.span_ns();
+        found.push((recording, name.as_path(), span_ns));
+    }
+    let [from_ns, until_ns] =
+        [times_ns.start, times_ns.end].map(|at_ns| at_ns.saturating_add_signed(offset_ns));
+    let mut used: Vec<(&Recording, &Path)> = Vec::new();
+    let mut lost = false;
+    let mut next_ns = u64::MAX;
+    for &(ref recording, name, span_ns) in found.iter().rev() {
+        let torn = exit_code_of_tail(recording) == DATA_LOST;
+        let began_ns = recording.began_ns().unwrap_or(0);
+        let (first_ns, last_ns) = span_ns.unwrap_or((began_ns, began_ns));
+        // What a torn part lacks reaches to the next one's beginning.
+        let end_ns = if torn { last_ns.max(next_ns.saturating_sub(1)) } else { last_ns };
+        if (torn || span_ns.is_some()) && first_ns < until_ns && end_ns >= from_ns {
+            used.push((recording, name));
+            lost |= torn;
+        }
+        if span_ns.is_some() {
+            next_ns = first_ns;
+        }
+    }
+    used.reverse();
+    let (sources, names): (Vec<&Recording>, Vec<&Path>) = used.into_iter().unzip();
+    let Some(first) = sources.first() else {
+        bail!("the ring holds nothing of this time");
+    };
+    let mut how = with_replaced(how("snapshot", &names), first, Some(from_ns))?;
+    how.extend(notes);
+    // The parts are read by other names than theirs.
+    let report = check_one_session(&sources)
+        .and_then(|()| rewrite(&sources, Some(from_ns), Some(until_ns), &how, to))
+        .with_context(|| format!("copying out of {}", how["sources"]))?;
+    // A logger that was ended for a while, or a queue that was full, leave parts that are whole.
+    let check = Recording::open(to)?.check()?;
+    let (first_ns, last_ns) = check.span_ns().unwrap_or((from_ns, from_ns));
+    let [first_ns, last_ns] =
+        [first_ns, last_ns].map(|at_ns| at_ns.saturating_add_signed(-offset_ns));
+    Ok(Copied {
+        messages: report.messages,
+        times_ns: first_ns..last_ns,
+        lost: lost || report.damaged_chunks > 0 || check.data_lost(),
+    })
 }
 
 /// Notes for the new file: what was done to which files. Names without folders, which say nothing

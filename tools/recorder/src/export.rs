@@ -7,7 +7,7 @@ use std::path::Path;
 use anyhow::bail;
 use ipc_types::SAMPLE;
 use recording::column::Storage;
-use recording::mcap_read::{RawMessage, ReadError, Recording, Selection};
+use recording::mcap_read::{RawMessage, Recording, Selection};
 use recording::record::{
     ColumnNames, FindingKind, Gaps, Options, SampleColumns, Table, table_from_recording,
 };
@@ -16,7 +16,8 @@ use recording::schema::Layout;
 use crate::args::ExportOptions;
 use crate::output::{Output, beside, new_file, none_exists};
 use crate::progress::Progress;
-use crate::{DATA_LOST, ExportFormat, LengthUnit, bids, exit_code_of_tail, mat};
+use crate::topic_rows::{Cell, TopicColumn, columns_of, each_part};
+use crate::{DATA_LOST, ExportFormat, LengthUnit, bids, exit_code_of_tail, mat, parquet_export};
 
 pub(crate) fn export(
     file: &Path,
@@ -25,20 +26,22 @@ pub(crate) fn export(
 ) -> anyhow::Result<i32> {
     let ExportOptions { to: format, topic, unit, axis, out: to, bids } = options;
     let (topic, to) = (topic.as_deref(), to.as_deref());
-    if *format != ExportFormat::Csv && topic.is_some() {
-        bail!("--topic: only csv has the fields of a topic");
+    let is_table = matches!(format, ExportFormat::Csv | ExportFormat::Parquet);
+    if !is_table && topic.is_some() {
+        bail!("--topic: only csv and parquet have the fields of a topic");
     }
     if *format != ExportFormat::Bids
         && let Some(option) = bids.given()
     {
         bail!("{option}: it names parts of a dataset, with --to bids");
     }
-    match (format, to) {
-        (ExportFormat::Csv, _) => {}
+    let target = match (format, to) {
+        (ExportFormat::Csv, to) => Target::Csv(to),
         (_, None) => bail!("--out: say where to write"),
+        (ExportFormat::Parquet, Some(path)) => Target::Parquet(path),
         (ExportFormat::Mat, Some(name)) => return mat::export(file, name, stdout),
         (ExportFormat::Bids, Some(folder)) => return bids::export(file, bids, folder, stdout),
-    }
+    };
     if let Some(path) = to {
         none_exists(&[path])?;
     }
@@ -61,12 +64,31 @@ pub(crate) fn export(
                 code = DATA_LOST;
             }
         }
-        write_to(to, stdout, |output| Ok(record.write_csv(output)?))?;
+        match target {
+            Target::Csv(to) => write_to(to, stdout, |output| Ok(record.write_csv(output)?))?,
+            Target::Parquet(path) => {
+                new_file(path, |output| parquet_export::write_record(&recording, &record, output))?
+            }
+        }
         return Ok(code);
     };
-    write_to(to, stdout, |output| whole_topic(&recording, topic, &selection, output))?;
+    match target {
+        Target::Csv(to) => {
+            write_to(to, stdout, |output| whole_topic(&recording, topic, &selection, output))?;
+        }
+        Target::Parquet(path) => new_file(path, |output| {
+            parquet_export::write_topic(&recording, topic, &selection, output)
+        })?,
+    }
     drop(progress);
     Ok(code)
+}
+
+/// Where a table goes.
+enum Target<'a> {
+    /// To a file, or to stdout.
+    Csv(Option<&'a Path>),
+    Parquet(&'a Path),
 }
 
 /// Writes to a new file, which is there whole or not at all, or to stdout.
@@ -76,7 +98,7 @@ fn write_to(
     write: impl FnOnce(&mut dyn Write) -> anyhow::Result<()>,
 ) -> anyhow::Result<()> {
     match to {
-        Some(path) => new_file(path, write),
+        Some(path) => new_file(path, |output| write(output)),
         None => {
             let mut output = std::io::BufWriter::new(stdout);
             write(&mut output)?;
@@ -96,93 +118,58 @@ fn record(
     Ok(table_from_recording(recording, columns, &options, &Storage::Folder(folder))?)
 }
 
-/// Rows of one channel.
-struct Rows {
-    channel_id: u16,
-    text: Vec<u8>,
-}
-
-/// All fields of a topic, the log time first, arrays spread over columns, a text in one. Rows are
-/// written in the order of the file, and made of the messages on all processors.
+/// All fields of a topic. Rows are written in the order of the file, and made of the messages on
+/// all processors.
 fn whole_topic(
     recording: &Recording,
     topic: &str,
     selection: &Selection,
     output: &mut dyn Write,
 ) -> anyhow::Result<()> {
-    let layout_of = |id: &u16| recording.channels.get(id)?.layout.as_ref().ok();
-    let mut header: Option<&Layout> = None;
-    let work = |messages: Result<Vec<RawMessage>, ReadError>| rows_of(recording, &messages?);
-    recording.in_order(selection, work, |rows: anyhow::Result<Vec<Rows>>| {
-        for Rows { channel_id, text } in rows? {
-            let layout = layout_of(&channel_id);
-            match header {
-                Some(first) if Some(first) == layout => {}
-                Some(_) => bail!(
-                    "{}: topic {topic} changes its fields within the file: export the parts one \
-                     by one",
-                    recording.path().display()
-                ),
-                None => {
-                    header = layout;
-                    write_header(layout, output)?;
-                }
-            }
-            output.write_all(&text)?;
+    let mut header_written = false;
+    let rows = |columns: &[TopicColumn<'_>], messages: &[RawMessage]| {
+        rows_of(recording, columns, messages)
+    };
+    let layout = each_part(recording, topic, selection, rows, |layout, text| {
+        if !header_written {
+            write_header(layout, output)?;
+            header_written = true;
         }
-        Ok(())
+        Ok(output.write_all(&text)?)
     })?;
-    if header.is_none() {
-        let first = selection.channels.as_ref().and_then(|channels| channels.first());
-        write_header(first.and_then(layout_of), output)?;
+    match layout {
+        Some(layout) if !header_written => write_header(layout, output),
+        _ => Ok(()),
     }
-    Ok(())
 }
 
-fn write_header(layout: Option<&Layout>, output: &mut dyn Write) -> anyhow::Result<()> {
-    let Some(layout) = layout else { return Ok(()) };
+fn write_header(layout: &Layout, output: &mut dyn Write) -> anyhow::Result<()> {
     let mut table = csv::Writer::from_writer(output);
-    table.write_record(header_of(layout))?;
+    table.write_record(columns_of(layout).into_iter().map(|column| column.name))?;
     Ok(table.flush()?)
 }
 
-/// The rows of some messages; a part for each stretch of messages of one channel.
-fn rows_of(recording: &Recording, messages: &[RawMessage]) -> anyhow::Result<Vec<Rows>> {
-    let mut parts = Vec::new();
+/// The rows of some messages of one channel.
+fn rows_of(
+    recording: &Recording,
+    columns: &[TopicColumn<'_>],
+    messages: &[RawMessage],
+) -> anyhow::Result<Vec<u8>> {
+    let mut table = csv::Writer::from_writer(Vec::new());
     let mut cell = String::new();
-    for messages in messages.chunk_by(|a, b| a.channel_id() == b.channel_id()) {
-        let mut table = csv::Writer::from_writer(Vec::new());
-        for message in messages {
-            let (layout, body) = recording.decode(message)?;
-            table.write_field(message.log_time_ns().to_string())?;
-            for field in &layout.fields {
-                if let Some(text) = field.event_text(&layout.fields, body) {
-                    table.write_field(text)?;
-                    continue;
-                }
-                for value in field.read_all(body) {
-                    cell.clear();
-                    write!(cell, "{value}")?;
-                    table.write_field(&cell)?;
-                }
+    for message in messages {
+        let (layout, body) = recording.decode(message)?;
+        for column in columns {
+            cell.clear();
+            match column.cell(message, layout, body) {
+                Some(Cell::LogTime(ns)) => write!(cell, "{ns}")?,
+                Some(Cell::Number(value)) => write!(cell, "{value}")?,
+                Some(Cell::Text(text)) => cell = text,
+                None => {}
             }
-            table.write_record(None::<&[u8]>)?;
+            table.write_field(&cell)?;
         }
-        let text = table.into_inner().map_err(|error| error.into_error())?;
-        parts.extend(messages.first().map(|of| Rows { channel_id: of.channel_id(), text }));
+        table.write_record(None::<&[u8]>)?;
     }
-    Ok(parts)
-}
-
-fn header_of(layout: &Layout) -> Vec<String> {
-    let mut names = vec!["log_time_ns".to_owned()];
-    for field in &layout.fields {
-        match field.array {
-            Some(count) if field.text_length(&layout.fields).is_none() => {
-                names.extend((0..count).map(|index| format!("{}_{index}", field.name)));
-            }
-            _ => names.push(field.name.clone()),
-        }
-    }
-    names
+    Ok(table.into_inner().map_err(|error| error.into_error())?)
 }

@@ -12,6 +12,7 @@ use recording::mcap_write::{DAMAGED_RECORD, key};
 use serde_json::{Value, json};
 
 use crate::monitored::Monitored;
+use crate::notes::{Note, notes};
 use crate::progress::Progress;
 use crate::replacements::Replacements;
 use crate::{DATA_LOST, DONE};
@@ -66,11 +67,13 @@ pub(crate) fn info(file: &Path, json: bool, out: &mut dyn Write) -> anyhow::Resu
     };
     let monitored = Monitored::read(&recording)?;
     let replacements = Replacements::read(&recording)?;
+    let notes = notes(&recording)?;
     if json {
         let mut value = as_json(&recording, &contents, check.as_ref());
         value["model"] = json!(monitored);
         value["replaced"] = json!(replacements.processes);
         value["replaced_not_known"] = json!(replacements.not_known);
+        value["notes"] = json!(notes);
         writeln!(out, "{value}")?;
         return Ok(DONE);
     }
@@ -87,7 +90,7 @@ pub(crate) fn info(file: &Path, json: bool, out: &mut dyn Write) -> anyhow::Resu
         writeln!(out, "  from {began}, {:.3} s", last.saturating_sub(origin) as f64 * 1e-9)?;
     }
     about(&recording, out)?;
-    for line in replacements.lines() {
+    for line in replacements.lines().into_iter().chain(notes.iter().map(Note::line)) {
         writeln!(out, "  {line}")?;
     }
     if !recording.start_is_guarded() {
@@ -154,8 +157,8 @@ fn about(recording: &Recording, out: &mut dyn Write) -> std::io::Result<()> {
         true => Ok(()),
         false => writeln!(out, "  {}", entries.join(", ")),
     };
-    use key::{HOST_STALL, PART, PROFILE, PROTOCOL, REVISION, RIG, RIG_NAME, SUBJECT};
-    let keys = [RIG, RIG_NAME, SUBJECT, PROTOCOL, PROFILE, HOST_STALL, PART, REVISION];
+    use key::{HOST_STALL, PART, PROFILE, PROTOCOL, REVISION, RIG, RIG_NAME, RING, SUBJECT};
+    let keys = [RIG, RIG_NAME, SUBJECT, PROTOCOL, PROFILE, HOST_STALL, RING, PART, REVISION];
     let entry = |key: &str| Some(format!("{} {}", key.replace('_', " "), recording.metadata(key)?));
     line(out, keys.into_iter().filter_map(entry).collect())?;
     line(out, [key::PLACEMENT].into_iter().filter_map(entry).collect())?;

@@ -63,7 +63,10 @@ mod mat_file;
 mod monitored;
 mod muscles;
 mod names;
+mod notes;
 mod output;
+mod parquet_export;
+mod parquet_file;
 mod progress;
 mod recorded_events;
 mod replacements;
@@ -73,12 +76,14 @@ mod samples;
 mod sessions;
 mod sessions_figure;
 mod signals;
+mod topic_rows;
 mod volumes;
 
 use std::io::Write;
 
 pub use args::{BidsOptions, Command, ExportFormat, ExportOptions, LengthUnit};
 pub use bids::FirstRun;
+pub use edit::{Copied, Part, copy_interval};
 pub use mat::{WantedSession, session_path, write_session};
 use output::Output;
 use recording::mcap_read::Recording;

@@ -36,7 +36,7 @@ pub(crate) fn beside(path: &Path) -> &Path {
 /// As [`write_new`], of a file that is longer than the memory.
 pub(crate) fn new_file(
     path: &Path,
-    write: impl FnOnce(&mut dyn Write) -> anyhow::Result<()>,
+    write: impl FnOnce(&mut (dyn Write + Send)) -> anyhow::Result<()>,
 ) -> anyhow::Result<()> {
     let cannot = || format!("{}: cannot create; files are never overwritten", path.display());
     let file = files::written(path, b"").with_context(cannot)?;

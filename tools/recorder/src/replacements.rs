@@ -2,12 +2,14 @@
 
 use std::collections::BTreeMap;
 
-use ipc_types::{Event, EventKind, Process, event_topic};
+use ipc_types::{Event, EventKind, Process};
 use recording::mcap_edit::EDIT_RECORD;
-use recording::mcap_read::{ReadError, Recording};
+use recording::mcap_read::Recording;
 use recording::mcap_write::key;
 use recording::replaced::{Replaced, event_text, in_words};
 use serde::Serialize;
+
+use crate::recorded_events::sound_events_of;
 
 /// A program of others in place of a process.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -64,19 +66,12 @@ impl Replacements {
             }
         }
         let began_ns = recording.began_monotonic_ns();
-        let topic = event_topic(Process::Logger).map_or("", |topic| topic.topic.name);
-        for message in recording.messages_if_any::<Event>(topic)? {
-            let recorded = match message {
-                Ok(recorded) => recorded,
-                // What is damaged is told by the check of the whole recording.
-                Err(ReadError::Damaged { .. }) => continue,
-                Err(error) => return Err(error.into()),
-            };
+        sound_events_of(recording, Process::Logger, |recorded| {
             if recorded.log_time_ns < end_ns {
                 let t_s = (recorded.message.time_ns as f64 - began_ns as f64) * 1e-9;
                 found.see(&recorded.message, t_s);
             }
-        }
+        })?;
         Ok(found)
     }
 

@@ -1,4 +1,4 @@
-//! `resim`: control, gate and watchdog once more on the recorded inputs.
+//! `resim`: control, gate, watchdog and experiment once more on the recorded inputs.
 
 use std::io::Write;
 use std::path::Path;
@@ -7,7 +7,7 @@ use anyhow::Context;
 use ipc_types::{Process, Profile};
 use recording::mcap_read::Recording;
 use recording::mcap_write::{START_RECORD, key};
-use resim::{CoreReport, Difference, Foreign, OtherGains, Replay, Report, Rigs, Trip, Used};
+use resim::{CoreReport, Difference, Foreign, OtherGains, Replay, Report, Rigs, Runs, Trip, Used};
 use rig::RigFile;
 use serde::Serialize;
 
@@ -36,7 +36,7 @@ pub(crate) fn resim(
     let other = control.map(rig::load_rig).transpose()?;
     let recording = AllParts::open(file)?;
     let rigs = rigs(&recording).with_context(|| file.display().to_string())?;
-    let mut replay = Replay::new(rigs, other.as_ref(), foreign(&recording)?)?;
+    let mut replay = Replay::new(rigs, Runs::of(&recording), other.as_ref(), foreign(&recording)?)?;
     let damaged_chunks = resim::read(&recording, |message| replay.take(message))
         .with_context(|| file.display().to_string())?;
     let report = replay.report();

@@ -58,11 +58,16 @@ fn no_command_needs_more_memory_for_a_longer_recording() {
     for seconds in [5, 60] {
         long::write(&folder.path(&format!("{seconds}.mcap")), seconds);
     }
-    let commands: [(&str, &[&str]); 9] = [
+    let commands: [(&str, &[&str]); 11] = [
         ("info", &["info", "RUN"]),
         ("verify", &["verify", "RUN"]),
         ("record", &["export", "RUN", "--to", "csv", "-o", "OUT.csv"]),
         ("topic", &["export", "RUN", "--to", "csv", "--topic", "sample", "-o", "OUT.topic.csv"]),
+        ("parquet", &["export", "RUN", "--to", "parquet", "-o", "OUT.parquet"]),
+        (
+            "topic, parquet",
+            &["export", "RUN", "--to", "parquet", "--topic", "sample", "-o", "OUT.topic.parquet"],
+        ),
         ("mat", &["export", "RUN", "--to", "mat", "-o", "OUT_"]),
         ("bids", &["export", "RUN", "--to", "bids", "-o", "OUT.bids"]),
         ("cut", &["cut", "RUN", "--from", "1", "-o", "OUT.cut.mcap"]),

@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 
-use ipc_types::{EnableLine, EnableToken, Message, MotorCommand, Sample, Setpoint};
+use ipc_types::{EnableLine, EnableToken, Message, MotorCommand, Sample, ScannerPulse, Setpoint};
 
 /// Messages that are kept, by topic: half a minute of samples at 2 kHz. A process that was stopped
 /// between receiving and computing may use older ones, which are then missing.
@@ -60,6 +60,10 @@ pub(crate) struct Inputs {
     pub(crate) setpoints: History<Setpoint>,
     pub(crate) commands: History<MotorCommand>,
     pub(crate) tokens: History<EnableToken>,
+    /// Events of the scanner's line.
+    pub(crate) pulses: History<ScannerPulse>,
+    /// Pulses that were typed as the key 5.
+    pub(crate) keys: History<ScannerPulse>,
 }
 
 impl Inputs {
@@ -70,6 +74,9 @@ impl Inputs {
             setpoints: History::new(KEPT / 16),
             commands: History::new(KEPT / 2),
             tokens: History::new(KEPT / 2),
+            // At most some dozens in a second.
+            pulses: History::new(KEPT / 16),
+            keys: History::new(KEPT / 16),
         }
     }
 
@@ -80,6 +87,8 @@ impl Inputs {
             Recorded::Setpoint(setpoint) => self.setpoints.push(setpoint),
             Recorded::Command(command) => self.commands.push(command),
             Recorded::Token(token) => self.tokens.push(token),
+            Recorded::Pulse(pulse) => self.pulses.push(pulse),
+            Recorded::Key(key) => self.keys.push(key),
             // An input of the card alone.
             Recorded::Line(_) => {}
         }
@@ -99,6 +108,10 @@ pub enum Recorded<'a> {
     Token(&'a EnableToken),
     /// From the watchdog, after the token of the same cycle.
     Line(&'a EnableLine),
+    /// From acquisition: an event of the scanner's line.
+    Pulse(&'a ScannerPulse),
+    /// From the experiment: a pulse that was typed as the key 5.
+    Key(&'a ScannerPulse),
 }
 
 #[cfg(test)]

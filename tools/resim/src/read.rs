@@ -3,8 +3,8 @@
 use std::collections::BTreeMap;
 
 use ipc_types::{
-    COMMAND, ENABLE_LINE, EnableLine, EnableToken, Message, MotorCommand, SAMPLE, SETPOINT, Sample,
-    Setpoint, TOKEN,
+    COMMAND, ENABLE_LINE, EnableLine, EnableToken, Message, MotorCommand, SAMPLE, SCANNER,
+    SCANNER_KEY, SETPOINT, Sample, ScannerPulse, Setpoint, TOKEN,
 };
 use recording::mcap_read::{Channel, ReadError, Recording, Selection, in_order_of_time};
 use recording::schema::Conversion;
@@ -12,8 +12,19 @@ use thiserror::Error;
 
 use crate::history::Recorded;
 
-/// Fields without which a core cannot be run again; recordings of older builds lack them.
-const NEEDED: [&str; 3] = ["held_incarnation", "gate_ns", "samples_received"];
+/// Fields without which a core cannot be run again, each with its type; recordings of older builds
+/// lack them. The setpoints of some that have them do not name their inputs yet: these alone are
+/// left out.
+const NEEDED: [(&str, &str); 3] = [
+    (MotorCommand::ROS_NAME, "held_incarnation"),
+    (Sample::ROS_NAME, "gate_ns"),
+    (EnableToken::ROS_NAME, "samples_received"),
+];
+
+/// The first of the missing fields without which messages of a type cannot be used.
+fn needed<T: Message>(missing: &[&'static str]) -> Option<&'static str> {
+    missing.iter().copied().find(|field| NEEDED.contains(&(T::ROS_NAME, *field)))
+}
 
 /// Why the messages cannot be read.
 #[derive(Debug, Error)]
@@ -37,6 +48,8 @@ enum Kind {
     Command,
     Token,
     Line,
+    Pulse,
+    Key,
 }
 
 impl Kind {
@@ -47,6 +60,8 @@ impl Kind {
             (COMMAND.topic, Self::Command),
             (TOKEN.topic, Self::Token),
             (ENABLE_LINE.topic, Self::Line),
+            (SCANNER.topic, Self::Pulse),
+            (SCANNER_KEY.topic, Self::Key),
         ];
         kinds.into_iter().find(|(own, _)| own.name == topic).map(|(_, kind)| kind)
     }
@@ -59,6 +74,8 @@ impl Kind {
             Self::Command => hand_on(conversion, body, |it| Recorded::Command(it), take),
             Self::Token => hand_on(conversion, body, |it| Recorded::Token(it), take),
             Self::Line => hand_on(conversion, body, |it| Recorded::Line(it), take),
+            Self::Pulse => hand_on(conversion, body, |it| Recorded::Pulse(it), take),
+            Self::Key => hand_on(conversion, body, |it| Recorded::Key(it), take),
         }
     }
 }
@@ -82,7 +99,7 @@ fn conversion<T: Message>(recording: &Recording, channel: &Channel) -> Result<Co
         source: source.clone(),
     })?;
     let conversion = layout.conversion::<T>();
-    match conversion.missing.iter().copied().find(|field| NEEDED.contains(field)) {
+    match needed::<T>(&conversion.missing) {
         Some(field) => Err(Error::OlderBuild { topic: channel.topic.clone(), field }),
         None => Ok(conversion),
     }
@@ -102,6 +119,7 @@ pub fn read(recording: &Recording, mut take: impl FnMut(Recorded<'_>)) -> Result
             Kind::Command => conversion::<MotorCommand>(recording, channel),
             Kind::Token => conversion::<EnableToken>(recording, channel),
             Kind::Line => conversion::<EnableLine>(recording, channel),
+            Kind::Pulse | Kind::Key => conversion::<ScannerPulse>(recording, channel),
         };
         channels.insert(id, (kind, conversion?));
     }
@@ -124,4 +142,16 @@ pub fn read(recording: &Recording, mut take: impl FnMut(Recorded<'_>)) -> Result
         Ok::<(), Error>(())
     })?;
     Ok(damaged)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_setpoint_may_lack_what_a_token_may_not() {
+        let missing = ["player_ns", "samples_received"];
+        assert_eq!(needed::<EnableToken>(&missing), Some("samples_received"));
+        assert_eq!(needed::<Setpoint>(&missing), None);
+    }
 }

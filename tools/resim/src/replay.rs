@@ -8,10 +8,12 @@ use rig::RigFile;
 use thiserror::Error;
 
 use crate::control_replay::ControlReplay;
+use crate::experiment_replay::ExperimentReplay;
 use crate::gate_replay::GateReplay;
 use crate::history::{Inputs, Recorded};
 use crate::report::Report;
 use crate::rigs::Rigs;
+use crate::runs::Runs;
 use crate::watchdog_replay::WatchdogReplay;
 
 /// The other rig file is of another machine.
@@ -65,18 +67,20 @@ pub struct Replay {
     control: ControlReplay,
     gate: GateReplay,
     watchdog: WatchdogReplay,
+    experiment: ExperimentReplay,
     /// Axes of the rig whose gains are tried.
     other_axes: Option<usize>,
 }
 
 impl Replay {
-    /// On the recording of a rig; `other` is the rig file whose gains are tried, `foreign` where
-    /// programs of somebody else's ran.
+    /// On the recording of a rig that played these protocols; `other` is the rig file whose gains
+    /// are tried, `foreign` where programs of somebody else's ran.
     ///
     /// # Errors
     /// [`OtherAxes`].
     pub fn new(
         rigs: Rigs,
+        runs: Runs,
         other: Option<&RigFile>,
         foreign: Vec<Foreign>,
     ) -> Result<Self, OtherAxes> {
@@ -93,6 +97,7 @@ impl Replay {
             control: ControlReplay::new(other.map(LawConfig::of_rig)),
             gate: GateReplay::new(),
             watchdog: WatchdogReplay::new(),
+            experiment: ExperimentReplay::new(runs),
             other_axes: other.map(|other| other.axes.len()),
         })
     }
@@ -116,7 +121,13 @@ impl Replay {
                 self.watchdog.skip_line();
             }
             Recorded::Line(line) => self.watchdog.see_line(line, &self.inputs, &self.rigs),
-            Recorded::Setpoint(_) => {}
+            Recorded::Setpoint(setpoint) if self.is_foreign(Process::Experiment, setpoint) => {
+                self.experiment.skip(setpoint);
+            }
+            Recorded::Setpoint(setpoint) => {
+                self.experiment.see(setpoint, &self.inputs, &self.rigs);
+            }
+            Recorded::Pulse(_) | Recorded::Key(_) => {}
         }
         self.inputs.take(&message);
     }
@@ -140,6 +151,7 @@ impl Replay {
                 self.gate.report,
                 self.watchdog.report,
                 self.watchdog.lines,
+                self.experiment.report,
             ],
             trips: self.watchdog.trips,
             other_gains,

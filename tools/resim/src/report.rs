@@ -23,6 +23,18 @@ pub enum NotCompared {
     CyclesWithoutSample,
     /// A program of somebody else's ran in place of the process.
     Replaced,
+    /// The setpoint does not say from what it was computed: an older build sent it, or a program of
+    /// somebody else's.
+    NotNamed,
+    /// The protocol that was played is not in the recording's metadata, or is none for its rig
+    /// file.
+    ProtocolMissing,
+    /// The protocol went on after an interruption, and keeps to the scanner: how far that was
+    /// followed before is in no recording.
+    ScannerFollowedBefore,
+    /// The reference was learnt before the run, or before it was interrupted, and comes from a file
+    /// that is in no recording.
+    LearntBefore,
 }
 
 impl NotCompared {
@@ -34,6 +46,17 @@ impl NotCompared {
             Self::InputMissing => "a message that the step used is not in the recording",
             Self::CyclesWithoutSample => "after cycles of the gate that no sample tells of",
             Self::Replaced => "a program of somebody else's ran in its place",
+            Self::NotNamed => {
+                "it does not say from what it was computed: of an older build, or of a program of \
+                 somebody else's"
+            }
+            Self::ProtocolMissing => {
+                "the protocol that was played is not in the recording, or is none for its rig file"
+            }
+            Self::ScannerFollowedBefore => {
+                "how far the scanner was followed before the interruption is in no recording"
+            }
+            Self::LearntBefore => "the reference was learnt before, and is in no recording",
         }
     }
 }

@@ -5,7 +5,7 @@ use control::cycle::Seen;
 use control::law::{Law, LawConfig};
 use ipc_types::program_flow::{CONTROL_CYCLE, signature};
 use ipc_types::{MotorCommand, Profile, Sample};
-use resim::{NotCompared, Recorded, Replay, Report, Rigs};
+use resim::{NotCompared, Recorded, Replay, Report, Rigs, Runs};
 use rig::RigFile;
 
 const RIG: &str = include_str!("../../../launch/rigs/hydrostatic.toml");
@@ -61,7 +61,7 @@ fn recorded(cycles: u64, position: impl Fn(f64) -> f64) -> Vec<(Sample, MotorCom
 fn replay(recorded: &[(Sample, MotorCommand)]) -> Report {
     let rig = RigFile::parse(RIG, "rig.toml").unwrap();
     let rigs = Rigs::new(rig, Profile::BestEffort, START_NS + BEGIN * PERIOD_NS);
-    let mut replay = Replay::new(rigs, None, Vec::new()).unwrap();
+    let mut replay = Replay::new(rigs, Runs::default(), None, Vec::new()).unwrap();
     for (sample, command) in recorded {
         replay.take(Recorded::Sample(sample));
         replay.take(Recorded::Command(command));

@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context as _, bail};
-use ipc_types::{LoggerRequest, SAMPLE, Sample, TripCause, Verb};
+use ipc_types::{LoggerRequest, SAMPLE, Sample, Split, TripCause, Verb};
 use operator::{ChosenProtocol, RigLink, RunOutcome, reset_and_arm, run_protocol};
 use rig::RigFile;
 use rig::protocol::Protocol;
@@ -102,7 +102,8 @@ impl Bench<'_> {
         self.nobody_holds_the_handle()?;
         let path = std::path::absolute(file).context("make the path absolute")?;
         let text = path.to_str().context("expected a path in UTF-8")?.to_owned();
-        let request = LoggerRequest::Start { path: text, metadata: Vec::new() };
+        let request =
+            LoggerRequest::Start { path: text, metadata: Vec::new(), split: Split::default() };
         accepted(self.link.logger(&request)?.error)?;
         let played = self.play(protocol, file);
         let stopped = self.link.logger(&LoggerRequest::Stop)?;

@@ -7,7 +7,7 @@ use std::sync::atomic::Ordering;
 use std::sync::mpsc::{Receiver, Sender};
 use std::time::Duration;
 
-use ipc_types::{EventKind, ExperimentRequest, LoggerAnswer, LoggerRequest, Severity, Verb};
+use ipc_types::{EventKind, ExperimentRequest, LoggerAnswer, LoggerRequest, Severity, Split, Verb};
 use operator::status::RigStatus;
 use operator::{ChosenProtocol, Error, RigLink, RunOptions, SessionFiles};
 use rig::protocol::entries;
@@ -353,7 +353,11 @@ impl CommandThread {
                 "expected an absolute path (/data/S07.mcap), found \"{file}\""
             )));
         }
-        let request = LoggerRequest::Start { path: file.to_owned(), metadata: Vec::new() };
+        let request = LoggerRequest::Start {
+            path: file.to_owned(),
+            metadata: Vec::new(),
+            split: Split::default(),
+        };
         let LoggerAnswer { error, .. } = self.link()?.logger(&request)?;
         if !error.is_empty() {
             return Ok(Answer::refused(error));

@@ -5,7 +5,7 @@ use std::net::IpAddr;
 
 /// Whether the console answers to this `Host`: an address, `localhost`, or the computer's own name.
 /// Any other name may be another site's.
-pub(crate) fn is_own_host(host: &str, computer: &str) -> bool {
+pub fn is_own_host(host: &str, computer: &str) -> bool {
     let name = without_port(host);
     let address = name.strip_prefix('[').and_then(|it| it.strip_suffix(']')).unwrap_or(name);
     address.parse::<IpAddr>().is_ok()
@@ -20,7 +20,8 @@ pub(crate) fn is_own_origin(origin: Option<&str>, host: &str) -> bool {
     })
 }
 
-fn without_port(host: &str) -> &str {
+/// The name or address in a `Host`, or in what follows `://` in an `Origin`.
+pub fn without_port(host: &str) -> &str {
     match host.rsplit_once(':') {
         Some((name, port)) if port.bytes().all(|byte| byte.is_ascii_digit()) => name,
         _ => host,

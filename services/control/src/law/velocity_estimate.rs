@@ -8,6 +8,34 @@ pub(super) struct VelocityEstimate {
     cutoff_hz: f64,
     last: Option<(u64, f64)>,
     velocity: f64,
+    weight: Weight,
+}
+
+/// The weight of a new difference quotient (1), kept for the spacing that it was computed for:
+/// samples come on a grid, and an exponential takes longer than the rest of the estimate.
+#[derive(Clone, Copy, Debug, Default)]
+struct Weight {
+    elapsed_ns: u64,
+    value: f64,
+}
+
+impl Weight {
+    /// The weight for a spacing above 0.
+    fn of(&mut self, cutoff_hz: f64, elapsed_ns: u64) -> f64 {
+        if elapsed_ns != self.elapsed_ns {
+            let elapsed_s = elapsed_ns as f64 * 1e-9;
+            let value = -(-std::f64::consts::TAU * cutoff_hz * elapsed_s).exp_m1();
+            *self = Self { elapsed_ns, value };
+        }
+        self.value
+    }
+}
+
+/// What is kept is no state of the estimate: it follows from spacing and cut-off frequency.
+impl PartialEq for Weight {
+    fn eq(&self, _: &Self) -> bool {
+        true
+    }
 }
 
 /// After a gap longer than this (s) the difference quotient is no estimate of the present velocity.
@@ -15,7 +43,8 @@ const GAP_S: f64 = 0.1;
 
 impl VelocityEstimate {
     pub(super) const fn new(cutoff_hz: f64) -> Self {
-        Self { cutoff_hz, last: None, velocity: 0.0 }
+        let weight = Weight { elapsed_ns: 0, value: 0.0 };
+        Self { cutoff_hz, last: None, velocity: 0.0, weight }
     }
 
     pub(super) const fn velocity(&self) -> f64 {
@@ -47,7 +76,7 @@ impl VelocityEstimate {
         if elapsed_s > GAP_S {
             self.velocity = 0.0;
         } else {
-            let weight = -(-std::f64::consts::TAU * self.cutoff_hz * elapsed_s).exp_m1();
+            let weight = self.weight.of(self.cutoff_hz, elapsed_ns);
             self.velocity += weight * ((position - last_position) / elapsed_s - self.velocity);
         }
         self.velocity
@@ -70,6 +99,21 @@ mod tests {
                 assert!((estimate.velocity() - expected).abs() < 1e-9, "{time}");
                 time += period_ns;
             }
+        }
+    }
+
+    #[test]
+    fn what_is_kept_of_the_spacing_before_changes_nothing() {
+        let mut kept = VelocityEstimate::new(30.0);
+        let (mut time, mut fresh) = (0, kept);
+        for step in 0..200u64 {
+            time += if step % 5 < 3 { 2_000_000 } else { 500_000 * (1 + step % 7) };
+            let position = (step as f64 * 0.7).sin();
+            let expected = fresh.update(time, position);
+            // As if it had never had another spacing.
+            fresh.weight = Weight::default();
+            assert_eq!(kept.update(time, position).to_bits(), expected.to_bits());
+            assert_eq!(kept, fresh);
         }
     }
 

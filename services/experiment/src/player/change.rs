@@ -27,3 +27,23 @@ impl Change {
         matches!(self, Self::Done | Self::Stopped(_) | Self::Aborted(..))
     }
 }
+
+/// Why a protocol ends early.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum End {
+    Stop,
+    ClientGone,
+    PermissionLost,
+    Restarted,
+}
+
+impl End {
+    pub(super) const fn change(self, segment: u32) -> Change {
+        match self {
+            Self::Stop => Change::Stopped(segment),
+            Self::ClientGone => Change::Aborted(segment, Reason::ClientGone),
+            Self::PermissionLost => Change::Aborted(segment, Reason::PermissionLost),
+            Self::Restarted => Change::Aborted(segment, Reason::Restarted),
+        }
+    }
+}

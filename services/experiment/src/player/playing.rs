@@ -22,4 +22,10 @@ impl Player {
     pub const fn last_edge_ns(&self) -> u64 {
         self.last_edge_ns
     }
+
+    /// Since when the player supervises the run of its protocol (ns, CLOCK_MONOTONIC); 0 before it
+    /// does.
+    pub fn supervised_since_ns(&self) -> u64 {
+        self.supervision.since_ns()
+    }
 }

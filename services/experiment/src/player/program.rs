@@ -235,6 +235,12 @@ impl Program {
         (self.scan.waits || self.scan.scan.is_some()) && self.source == PulseSource::Line
     }
 
+    /// Whether its setpoints depend on the scanner: it waits for a pulse, or its segments keep in
+    /// step with the volumes.
+    pub fn keeps_to_scanner(&self) -> bool {
+        self.scan.waits || self.scan.scan.is_some_and(|scan| scan.in_step)
+    }
+
     /// Whether it takes its pulses from the key 5.
     pub fn takes_keys(&self) -> bool {
         self.source == PulseSource::Key

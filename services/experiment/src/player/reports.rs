@@ -47,8 +47,8 @@ impl Reason {
             }
             Self::ClientGone => "its client is gone; `farreach run` must keep running",
             Self::Restarted => {
-                "the experiment process was restarted, and the protocol says after_restart = \
-                 \"abort\""
+                "the experiment process was restarted or held up, and the protocol says \
+                 after_restart = \"abort\""
             }
         }
     }

@@ -54,6 +54,11 @@ impl Supervision {
         self.epoch
     }
 
+    /// First check (ns, CLOCK_MONOTONIC); 0 before it.
+    pub(super) fn since_ns(&self) -> u64 {
+        self.since_ns.unwrap_or(0)
+    }
+
     /// Checks at `now_ns`; the client last renewed its lease at `renewed_ns` (0: not yet), and the
     /// lease lasts `lease_ns` (CLOCK_MONOTONIC).
     pub(super) fn check(
@@ -66,7 +71,9 @@ impl Supervision {
         let since_ns = *self.since_ns.get_or_insert(now_ns);
         let unknown = match permission {
             Permission::Enabled(epoch) if epoch == self.epoch => false,
-            Permission::Unknown if self.resumed && now_ns - since_ns <= lease_ns => true,
+            Permission::Unknown if self.resumed && now_ns.saturating_sub(since_ns) <= lease_ns => {
+                true
+            }
             _ => return Verdict::PermissionLost,
         };
         if now_ns.saturating_sub(renewed_ns.max(since_ns)) > lease_ns {

@@ -31,23 +31,22 @@ impl InterruptedWriter {
     pub(super) fn start(file: InterruptedFile) -> io::Result<Self> {
         let (wanted, orders) = channel();
         let (failed, failures) = channel();
-        let thread =
-            std::thread::Builder::new().name("interrupted".to_owned()).spawn(move || {
-                while let Ok(mut newest) = orders.recv() {
-                    // What is older is not needed any more.
-                    while let Ok(newer) = orders.try_recv() {
-                        newest = newer;
-                    }
-                    let written = match newest {
-                        Wanted::Kept(interrupted) => file.keep(&interrupted),
-                        Wanted::Removed => file.remove(),
-                    };
-                    if let Err(reason) = written {
-                        // Nobody is there to be told once the process ends.
-                        let _told = failed.send(reason);
-                    }
+        let thread = runtime::realtime::beside_loop("interrupted").spawn(move || {
+            while let Ok(mut newest) = orders.recv() {
+                // What is older is not needed any more.
+                while let Ok(newer) = orders.try_recv() {
+                    newest = newer;
                 }
-            })?;
+                let written = match newest {
+                    Wanted::Kept(interrupted) => file.keep(&interrupted),
+                    Wanted::Removed => file.remove(),
+                };
+                if let Err(reason) = written {
+                    // Nobody is there to be told once the process ends.
+                    let _told = failed.send(reason);
+                }
+            }
+        })?;
         Ok(Self { wanted: Some(wanted), failures, thread: Some(thread) })
     }
 

@@ -9,12 +9,9 @@ use ipc_types::{
 use rtrb::Consumer;
 use runtime::{Losses, PortError, Publisher, Service, Subscriber};
 
+use crate::cycle::{Received, SCAN_REPORTS_A_CYCLE};
 use crate::player::Player;
 use crate::scan_tracker::ScanReport;
-
-/// Most reports that are published in a cycle, so that no subscriber's buffer runs over; the others
-/// wait for the next.
-const REPORTS_A_CYCLE: usize = 16;
 
 /// The ports of the scanner.
 #[derive(Debug)]
@@ -23,8 +20,6 @@ pub(super) struct ScanPorts {
     keys: Publisher<ScannerPulse>,
     /// Keys that a process before counted in the segment that goes on, the newest first.
     earlier: Vec<u64>,
-    /// Keys that were pressed since this process began.
-    pressed: u64,
     volumes: Publisher<Volume>,
     /// A protocol has ended, and its counts are to be published after the last report.
     counts_due: bool,
@@ -38,7 +33,6 @@ impl ScanPorts {
             pulses: service.subscriber(SCANNER)?,
             keys: service.publisher(SCANNER_KEY)?,
             earlier: keys,
-            pressed: 0,
             volumes: service.publisher(VOLUME)?,
             counts_due: false,
         })
@@ -48,15 +42,14 @@ impl ScanPorts {
     pub(super) fn tell(
         &mut self,
         player: &mut Player,
+        received: &mut Received,
         keys: &mut Consumer<u64>,
     ) -> Result<(), PortError> {
         // What there is no room for waits in shared memory.
         while player.can_see_scanner()
             && let Some(pulse) = self.pulses.take()?
         {
-            if let Some(event) = LineEvent::from_code(pulse.kind) {
-                player.see_scanner(event, pulse.at_ns);
-            }
+            received.pulse(&pulse, player);
         }
         // They were published when they were pressed.
         while player.can_see_scanner()
@@ -67,10 +60,9 @@ impl ScanPorts {
         while player.can_see_scanner()
             && let Ok(at_ns) = keys.pop()
         {
-            player.see_scanner_key(at_ns);
-            self.pressed += 1;
+            received.key(at_ns, player);
             let kind = LineEvent::Pulse.code();
-            let (pulses, none) = (self.pressed, ScannerPulse::default());
+            let (pulses, none) = (received.keys, ScannerPulse::default());
             self.keys.send(ScannerPulse { at_ns, pulses, kind, ..none })?;
         }
         Ok(())
@@ -82,7 +74,7 @@ impl ScanPorts {
         player: &mut Player,
         service: &mut Service,
     ) -> Result<(), PortError> {
-        for _ in 0..REPORTS_A_CYCLE {
+        for _ in 0..SCAN_REPORTS_A_CYCLE {
             let Some(report) = player.take_scan_report() else { break };
             let (kind, severity, a, b) = match report {
                 ScanReport::Volume(volume) => {

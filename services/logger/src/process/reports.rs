@@ -1,6 +1,6 @@
 //! What the logger publishes: events, heartbeats, loss counters, its measurement of the clock.
 
-use ipc_types::{ClockSync, EventKind, Heartbeat, Process, Severity, TOPICS};
+use ipc_types::{ClockSync, EventKind, Heartbeat, LoggerAnswer, Process, Severity, TOPICS};
 use recording::mcap_write::Summary;
 use runtime::PortError;
 use runtime::clock::ClockPair;
@@ -12,34 +12,52 @@ use crate::recorder_front_end::Outcome;
 impl Logger {
     /// Passes on a report of the writer thread: as an event, and as the answer to the request.
     pub(super) fn outcome(&mut self, outcome: Outcome) -> Result<(), PortError> {
+        if let Outcome::NextPart { ended: Err(error), .. } = &outcome {
+            self.service.event(EventKind::DataLost, Severity::Error, [0.0; 3], error)?;
+        }
         let status = self.recorder.status();
         let (written, lost) = (status.written as f64, status.lost as f64);
         let (kind, severity, values) = match &outcome {
-            Outcome::Started { .. } => (EventKind::RecordingStarted, Severity::Info, [0.0; 3]),
+            Outcome::Started { .. } | Outcome::NextPart { .. } => {
+                (EventKind::RecordingStarted, Severity::Info, [0.0; 3])
+            }
             Outcome::NotStarted { .. } => (EventKind::RecordingStopped, Severity::Error, [0.0; 3]),
-            Outcome::Stopped(Summary { written, bytes, .. }) => {
-                let values = [*written as f64, lost, *bytes as f64];
+            Outcome::Stopped(Summary { bytes, .. }) => {
+                let values = [written, lost, *bytes as f64];
                 (EventKind::RecordingStopped, Severity::Info, values)
             }
-            Outcome::StoppedWithError { refused, .. } => {
-                let values = [written, *refused as f64, 0.0];
-                (EventKind::RecordingStopped, Severity::Error, values)
+            Outcome::StoppedWithError { .. } => {
+                (EventKind::RecordingStopped, Severity::Error, [written, lost, 0.0])
             }
             Outcome::Failed { .. } => (EventKind::DataLost, Severity::Error, [lost, 0.0, 0.0]),
-            Outcome::StateNotKept { .. } => {
+            Outcome::StateNotKept { .. } | Outcome::NotSplit { .. } => {
                 (EventKind::RecordingStarted, Severity::Warning, [0.0; 3])
             }
         };
         let text = match &outcome {
-            Outcome::Started { path } | Outcome::Stopped(Summary { path, .. }) => {
+            Outcome::Started { path, .. }
+            | Outcome::NextPart { path, .. }
+            | Outcome::Stopped(Summary { path, .. }) => {
                 ending_of(&path.to_string_lossy()).to_owned()
             }
             Outcome::NotStarted { error }
             | Outcome::Failed { error }
             | Outcome::StoppedWithError { error, .. }
+            | Outcome::NotSplit { error, .. }
             | Outcome::StateNotKept { error } => error.clone(),
         };
         self.service.event(kind, severity, values, &text)?;
+        let next_part = match &outcome {
+            Outcome::NextPart { ended, .. } => Some(ended.as_ref().err().cloned()),
+            Outcome::NotSplit { error, .. } => Some(Some(error.clone())),
+            _ => None,
+        };
+        if let Some(error) = next_part
+            && let Some(reply) = self.part_reply.take()
+        {
+            let error = error.unwrap_or_default();
+            let _ = reply.send(LoggerAnswer { error, ..self.recorder.status() });
+        }
         let reply = match &outcome {
             Outcome::Started { .. } | Outcome::NotStarted { .. } => self.start_reply.take(),
             Outcome::Stopped(_) | Outcome::StoppedWithError { .. } => {
@@ -47,7 +65,10 @@ impl Logger {
                 self.publish_counts()?;
                 self.stop_reply.take()
             }
-            Outcome::Failed { .. } | Outcome::StateNotKept { .. } => None,
+            Outcome::NextPart { .. }
+            | Outcome::NotSplit { .. }
+            | Outcome::Failed { .. }
+            | Outcome::StateNotKept { .. } => None,
         };
         if let Some(reply) = reply {
             let _ = reply.send(self.recorder.status());

@@ -54,6 +54,8 @@ pub mod key {
     pub const PROTOCOL: &str = "protocol";
     /// Text of the protocol.
     pub const PROTOCOL_FILE: &str = "protocol_file";
+    /// Where the pulses of the scanner came from in a run; absent for its trigger line.
+    pub const SCANNER_PULSES: &str = "scanner_pulses";
     /// Command line that started the recording.
     pub const COMMAND_LINE: &str = "command_line";
     /// `CLOCK_REALTIME` minus `CLOCK_MONOTONIC`, fixed for the file (ns).
@@ -62,6 +64,8 @@ pub mod key {
     pub const STARTED_NS: &str = "started_ns";
     /// Number of the part: 1, or higher after a restart of the logger.
     pub const PART: &str = "part";
+    /// Of a ring, how much of the past is kept: `30 s`; absent where all parts stay.
+    pub const RING: &str = "ring";
     /// `true` in the end record.
     pub const CLEAN_END: &str = "clean_end";
 }

@@ -46,6 +46,7 @@ use ipc_types::{CDR_HEADER, LossCounters, Message, TOPICS, TypedTopic};
 use mcap::records::MessageHeader;
 use mcap::write::NoSeek;
 
+use crate::channel::{self, MESSAGE_ENCODING, SCHEMA_ENCODING};
 use crate::record_checksum::sealed;
 use crate::word;
 pub use error::WriteError;
@@ -122,7 +123,8 @@ impl std::fmt::Debug for Writer {
 }
 
 impl Writer {
-    /// Begins a recording in a file that does not exist yet. `now_ns` is `CLOCK_MONOTONIC`.
+    /// Begins a recording in a file that does not exist yet. `now_ns` is `CLOCK_MONOTONIC`. Where
+    /// nothing can be written into the file, it is removed.
     ///
     /// # Errors
     /// [`WriteError::Exists`], [`WriteError::Create`], or those of the first write.
@@ -137,12 +139,25 @@ impl Writer {
             })?;
         // Tells readers that this file is still growing; a file system without locks cannot.
         let _ = file.try_lock();
-        let writer = Self::to_output(Box::new(file), path, start, now_ns)?;
+        let writer = Self::in_new_file(Box::new(file), path, start, now_ns)?;
         // The directory entry must survive a crash too, where the file system can sync a directory.
         if let Some(directory) = path.parent().filter(|p| !p.as_os_str().is_empty()) {
             let _ = File::open(directory).and_then(|d| d.sync_all());
         }
         Ok(writer)
+    }
+
+    /// As [`Self::to_output`], where `path` is a file that was made for it.
+    fn in_new_file(
+        output: Box<dyn Output>,
+        path: &Path,
+        start: &Start,
+        now_ns: u64,
+    ) -> Result<Self, WriteError> {
+        Self::to_output(output, path, start, now_ns).inspect_err(|_| {
+            // Nothing is in it, and it would stand in the way of the next attempt.
+            let _ = std::fs::remove_file(path);
+        })
     }
 
     /// Begins a recording on any output; `path` is for messages only.
@@ -175,13 +190,10 @@ impl Writer {
             }
             let mut channels = Vec::with_capacity(TOPICS.len());
             for topic in TOPICS {
-                let schema =
-                    mcap.add_schema(topic.ros_name, "ros2msg", (topic.schema)().as_bytes())?;
-                let about = BTreeMap::from([
-                    ("owner".to_owned(), topic.owner.text().to_owned()),
-                    ("type".to_owned(), topic.type_name.to_owned()),
-                ]);
-                channels.push(mcap.add_channel(schema, topic.name, "cdr", &about)?);
+                let text = (topic.schema)();
+                let schema = mcap.add_schema(topic.ros_name, SCHEMA_ENCODING, text.as_bytes())?;
+                let about = channel::about(topic);
+                channels.push(mcap.add_channel(schema, topic.name, MESSAGE_ENCODING, &about)?);
             }
             // Without the schemas, a truncated file could not be read.
             mcap.flush()?;
@@ -232,8 +244,7 @@ impl Writer {
         }
         let log_time = self.log_time(word(bytes, 24));
         self.payload.clear();
-        self.payload.extend_from_slice(&CDR_HEADER);
-        self.payload.extend_from_slice(bytes);
+        channel::put_payload(bytes, &mut self.payload);
         let header = MessageHeader {
             channel_id: channel,
             sequence: word(bytes, 16) as u32,
@@ -385,7 +396,7 @@ impl Writer {
     }
 
     fn log_time(&self, time_ns: u64) -> u64 {
-        time_ns.saturating_add_signed(self.realtime_offset_ns)
+        channel::wall_time_ns(time_ns, self.realtime_offset_ns)
     }
 
     fn poison(&mut self, source: mcap::McapError) -> WriteError {
@@ -401,5 +412,46 @@ impl Writer {
             other => other.to_string(),
         });
         error
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, clippy::expect_used)]
+
+    use std::io::Write;
+
+    use super::*;
+
+    /// A disk that is full.
+    struct Full;
+
+    impl Write for Full {
+        fn write(&mut self, _: &[u8]) -> io::Result<usize> {
+            Err(io::ErrorKind::StorageFull.into())
+        }
+
+        fn flush(&mut self) -> io::Result<()> {
+            Ok(())
+        }
+    }
+
+    impl Output for Full {
+        fn sync(&mut self) -> io::Result<()> {
+            Ok(())
+        }
+    }
+
+    #[test]
+    fn a_file_into_which_nothing_can_be_written_is_removed() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("run.mcap");
+        File::create_new(&path).unwrap();
+        let error = Writer::in_new_file(Box::new(Full), &path, &Start::default(), 0).unwrap_err();
+        assert!(matches!(error, WriteError::DiskFull { refused: 0, .. }), "{error}");
+        assert!(!path.exists());
+        // Once there is room, the name is free.
+        Writer::create(&path, &Start::default(), 0).unwrap().finish(&[]).unwrap();
+        assert!(path.exists());
     }
 }

@@ -91,6 +91,12 @@ pub struct Table {
 }
 
 impl Table {
+    /// The columns by name: the time first, then the others in the order of their names.
+    pub fn columns(&self) -> impl Iterator<Item = (&str, &Column)> {
+        let columns = self.columns.iter().map(|(name, values)| (name.as_str(), values));
+        std::iter::once((TIME, &self.time_s)).chain(columns)
+    }
+
     /// All of it in memory.
     fn into_record(self) -> Result<Record, Problem> {
         let Self { name, time_s, columns, sampling_s, findings } = self;

@@ -14,7 +14,7 @@ use experiment::player::{Change, Player, Program};
 use ipc_types::program_flow::{ACQUISITION_CYCLE, CONTROL_CYCLE, signature};
 use ipc_types::{
     AXES, EnableLine, EnableToken, HomeOrder, MotorCommand, Profile, Sample, Setpoint, Verb,
-    WatchdogState, Zeros,
+    WatchdogState,
 };
 use rig::RigFile;
 use rig::protocol::Protocol;
@@ -94,6 +94,7 @@ pub struct Rig {
     commands: Vec<MotorCommand>,
     watched_commands: Vec<MotorCommand>,
     watched_samples: Vec<Sample>,
+    played_samples: Vec<Sample>,
     pub newest_sample: Option<Sample>,
     setpoint: Option<Setpoint>,
     sent: Option<Setpoint>,
@@ -101,6 +102,10 @@ pub struct Rig {
     sequences: [u64; 3],
     /// Samples and commands that the watchdog has received.
     received: [u64; 2],
+    /// What the experiment has received.
+    taken: experiment::cycle::Received,
+    /// Whether the protocol is played again, once the motor is enabled anew.
+    pub play_again: bool,
     /// Incarnation of control, which does not run while it is stopped.
     pub control: u64,
     pub control_stopped: bool,
@@ -148,11 +153,14 @@ impl Rig {
             commands: Vec::new(),
             watched_commands: Vec::new(),
             watched_samples: Vec::new(),
+            played_samples: Vec::new(),
             newest_sample: None,
             setpoint: None,
             sent: None,
             sequences: [0; 3],
             received: [0; 2],
+            taken: experiment::cycle::Received::default(),
+            play_again: false,
             control: CONTROL,
             control_stopped: false,
             published: None,
@@ -236,6 +244,7 @@ impl Rig {
             };
             self.publish(Published::Sample(Box::new(sample)));
             self.watched_samples.push(sample);
+            self.played_samples.push(sample);
             self.newest_sample = Some(sample);
         }
     }
@@ -319,24 +328,28 @@ impl Rig {
     }
 
     pub fn experiment(&mut self, now: u64, begin: bool) {
-        if begin {
-            self.player.start(Arc::clone(&self.program), 1);
+        for sample in self.played_samples.drain(..) {
+            self.taken.sample(&sample, &mut self.player);
         }
-        let measured = self.newest_sample.map_or([f64::NAN; AXES], |sample| {
-            std::array::from_fn(|axis| match sample.master_present >> axis & 1 {
-                1 => sample.master_position[axis],
-                _ => f64::NAN,
-            })
+        let token = self.newest_token;
+        let may_begin = token.is_some_and(|token| {
+            token.state == WatchdogState::Enabled.code() && token.epoch > self.player.epoch()
         });
-        let seen = |sample: Sample, axis: usize| sample.slave_present >> axis & 1 == 1;
-        self.player.see_handles(self.newest_sample.map_or([f64::NAN; AXES], |sample| {
-            std::array::from_fn(|axis| match seen(sample, axis) {
-                true => sample.slave_position[axis],
-                false => f64::NAN,
-            })
-        }));
-        self.player.see_zeros(self.newest_sample.as_ref().map(Zeros::from));
-        let output = self.player.step(now, &measured);
+        let again = self.play_again && may_begin;
+        self.play_again &= !again;
+        if begin || again {
+            let (number, program) = (self.taken.order + 1, Arc::clone(&self.program));
+            let epoch = token.map_or(0, |token| token.epoch);
+            self.taken.play(number, program, epoch, &mut self.player);
+        }
+        let seen = experiment::cycle::Seen {
+            sample: self.newest_sample.as_ref(),
+            token: token.as_ref(),
+            // A client that is always there.
+            renewed_ns: now,
+            received: self.taken,
+        };
+        let Some(output) = seen.step(&mut self.player, now) else { return };
         self.orders.extend(self.player.home_order());
         self.changes.extend(output.change);
         if let Some(setpoint) = output.setpoint {

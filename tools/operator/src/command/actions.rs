@@ -1,11 +1,12 @@
 //! Executes `reset`, `arm`, `enable`, `disarm`, `estop`, `run`, `stop` and the recording commands.
 
+use std::env::var;
 use std::io::Write;
 use std::path::Path;
 use std::time::Duration;
 
 use indicatif::{ProgressBar, ProgressStyle};
-use ipc_types::{ExperimentAnswer, LoggerAnswer, LoggerRequest, PulseSource, Verb};
+use ipc_types::{ExperimentAnswer, LoggerAnswer, LoggerRequest, PulseSource, Split, Verb};
 use runtime::{DomainError, RigName};
 use serde_json::json;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
@@ -163,9 +164,10 @@ pub(super) fn start_recording(
     rig_name: &RigName,
     file: &Path,
     metadata: Vec<(String, String)>,
+    split: Split,
     as_json: bool,
 ) -> anyhow::Result<i32> {
-    let request = LoggerRequest::Start { path: absolute(file)?, metadata };
+    let request = LoggerRequest::Start { path: absolute(file)?, metadata, split };
     let answer = accepted(link(rig_name)?.logger(&request)?)?;
     let value = json!({ "recording": answer.recording });
     print(as_json, value, &format!("recording {}", answer.recording.unwrap_or_default()))?;
@@ -184,8 +186,29 @@ pub(super) fn stop_recording(rig_name: &RigName, as_json: bool) -> anyhow::Resul
     Ok(if lost > 0 { DATA_LOST } else { DONE })
 }
 
+pub(super) fn tag(
+    rig_name: &RigName,
+    text: String,
+    author: Option<String>,
+    as_json: bool,
+) -> anyhow::Result<i32> {
+    let author = author.unwrap_or_else(caller);
+    let line = format!("{author}: {text}");
+    let answer = accepted(link(rig_name)?.logger(&LoggerRequest::Tag { author, text })?)?;
+    let file = answer.recording.unwrap_or_default();
+    print(as_json, json!({ "recording": file, "tag": line }), &format!("{file}: {line}"))?;
+    Ok(DONE)
+}
+
+/// The user who calls: whoever called sudo, which a rig of systemd may have taken.
+fn caller() -> String {
+    let mut names = ["SUDO_USER", "USER", "LOGNAME"].into_iter().filter_map(|name| var(name).ok());
+    let found = names.find(|name| !name.is_empty());
+    found.unwrap_or_else(|| format!("uid {}", rustix::process::getuid().as_raw()))
+}
+
 /// The logger's answer, unless it reports an error.
-fn accepted(answer: LoggerAnswer) -> Result<LoggerAnswer, Error> {
+pub(super) fn accepted(answer: LoggerAnswer) -> Result<LoggerAnswer, Error> {
     if answer.error.is_empty() { Ok(answer) } else { Err(Error::Logger(answer.error)) }
 }
 

@@ -2,7 +2,7 @@
 
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
-use ipc_types::{GateCause, ModelStatus, TripCause};
+use ipc_types::{GateCause, ModelStatus, RingStatus, TripCause};
 use launch::{RigState, Supervision};
 
 use super::{LastTrip, ProcessStatus, ProtocolStatus, RigStatus, ScannerStatus, WatchdogStatus};
@@ -61,6 +61,7 @@ pub fn table(status: &RigStatus, now: SystemTime, width: usize) -> String {
             }
             None => "recording off".to_owned(),
         });
+        lines.extend(recording.ring.as_ref().map(ring_line));
         if !recording.error.is_empty() {
             lines.push(format!("          FAILED: {}", recording.error));
         }
@@ -155,6 +156,16 @@ fn placement_line(status: &RigStatus) -> Option<String> {
     });
     let words: Vec<String> = words.collect();
     (!words.is_empty()).then(|| format!("placement processor of each loop: {}", words.join(", ")))
+}
+
+fn ring_line(ring: &RingStatus) -> String {
+    let keep = Duration::from_nanos(ring.keep_ns);
+    let (parts, bytes, removed) = (ring.parts.len(), ring.bytes, ring.removed);
+    let mut line = format!("ring      {keep:?} in {parts} parts, {bytes} bytes, {removed} removed");
+    if ring.not_removed > 0 {
+        line += &format!(", {} COULD NOT BE REMOVED", ring.not_removed);
+    }
+    line
 }
 
 fn model_line(model: &ModelStatus) -> String {

@@ -29,10 +29,11 @@ const OF_SIGNALS: [&str; 11] = [
 
 /// A channel as asked for.
 #[derive(Clone, Debug)]
-pub(crate) struct Wanted {
-    pub(crate) name: String,
+pub struct Wanted {
+    /// Its name.
+    pub name: String,
     /// Topic with its messages.
-    pub(crate) topic: String,
+    pub topic: String,
     what: What,
 }
 
@@ -49,7 +50,7 @@ enum What {
 ///
 /// # Errors
 /// If there is no such channel: with those that there are.
-pub(crate) fn wanted(names: &[String], rig: Option<&RigFile>) -> anyhow::Result<Vec<Wanted>> {
+pub fn wanted(names: &[String], rig: Option<&RigFile>) -> anyhow::Result<Vec<Wanted>> {
     let signals = rig.map(recorder::signals).unwrap_or_default();
     let named = |name: &str| signals.iter().find(|signal| signal.name == name);
     let of_axis = |axis: &str| {
@@ -113,17 +114,18 @@ pub(crate) fn topics_of(wanted: &[Wanted]) -> Vec<String> {
 
 /// A channel.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Channel {
-    pub(crate) name: String,
+pub struct Channel {
+    /// Its name.
+    pub name: String,
     /// Empty where nothing tells it.
-    pub(crate) unit: String,
+    pub unit: String,
     /// Its topic (index of the stream, the reader and the ring), and its column there.
-    pub(crate) place: (usize, usize),
+    pub place: (usize, usize),
 }
 
 /// Reads the channels of one topic from its messages.
 #[derive(Debug)]
-pub(crate) struct Reader {
+pub struct Reader {
     /// bytes from the start of a message to the time of its scan; `None` where it has none
     scan_time: Option<usize>,
     /// to samples of this build, where signals are read
@@ -142,10 +144,7 @@ enum Column {
 ///
 /// # Errors
 /// If a topic does not have a field, or not all of the fields that a signal needs.
-pub(crate) fn bind(
-    wanted: &[Wanted],
-    streams: &[Stream],
-) -> anyhow::Result<(Vec<Channel>, Vec<Reader>)> {
+pub fn bind(wanted: &[Wanted], streams: &[Stream]) -> anyhow::Result<(Vec<Channel>, Vec<Reader>)> {
     let mut readers: Vec<Reader> = streams.iter().map(Reader::new).collect();
     let mut channels = Vec::with_capacity(wanted.len());
     for channel in wanted {
@@ -211,7 +210,7 @@ impl Reader {
 
     /// When a message belongs on the axis of time: the time of its scan, or else of its publishing
     /// (ns, by the clock of its stamp).
-    pub(crate) fn time_ns(&self, message: &Arrived<'_>) -> u64 {
+    pub fn time_ns(&self, message: &Arrived<'_>) -> u64 {
         let scan_ns = self.scan_time.map(|at| word(message.bytes, at)).filter(|ns| *ns > 0);
         let time_ns = scan_ns.unwrap_or(message.sent.time_ns);
         match message.stamp {
@@ -224,7 +223,7 @@ impl Reader {
     }
 
     /// The values of its channels in a message; NaN where it does not have one.
-    pub(crate) fn read(&self, bytes: &[u8], values: &mut Vec<f64>) {
+    pub fn read(&self, bytes: &[u8], values: &mut Vec<f64>) {
         let sample = self.samples.as_ref().and_then(|samples| samples.apply::<Sample>(bytes));
         values.clear();
         values.extend(self.columns.iter().map(|column| match column {

@@ -7,7 +7,7 @@
 
 mod args;
 mod capture;
-mod channel;
+pub mod channel;
 mod decimate;
 mod describe;
 mod numbers;
