@@ -43,6 +43,31 @@ fn samples_arrive_in_order_and_losses_are_counted(service: &Service) {
     assert_eq!(samples.counters().lost, extra);
 }
 
+/// A process that is restarted again and again loses nothing of what it sent, although its reader
+/// is slow.
+fn what_ended_publishers_sent_is_still_read(service: &Service) {
+    const RESTARTS: u64 = 8;
+    const EACH: u64 = 16;
+    let mut commands = service.subscriber(COMMAND).unwrap();
+    let mut seen = Vec::new();
+    let mut take = |most: u64| {
+        for _ in 0..most {
+            seen.extend(commands.take().unwrap().map(|command| command.sample_tick));
+        }
+    };
+    for restart in 0..RESTARTS {
+        let mut publisher = service.publisher(COMMAND).unwrap();
+        for index in 0..EACH {
+            let tick = restart * EACH + index;
+            publisher.send(MotorCommand { sample_tick: tick, ..MotorCommand::default() }).unwrap();
+        }
+        take(1);
+    }
+    take(RESTARTS * EACH);
+    seen.sort_unstable();
+    assert_eq!(seen, (0..RESTARTS * EACH).collect::<Vec<_>>());
+}
+
 fn card_fifo_outlives_its_reader_and_tokens_do_not(service: &Service) {
     let mut scans = service.publisher(CARD_SCAN).unwrap();
     let mut tokens = service.publisher(TOKEN).unwrap();
@@ -180,6 +205,7 @@ fn a_rig_from_cold_start_to_clean_end() {
     let service = Service::start(Process::Control, &text).unwrap();
     assert_eq!(service.identity().session, keeper.session());
     samples_arrive_in_order_and_losses_are_counted(&service);
+    what_ended_publishers_sent_is_still_read(&service);
     card_fifo_outlives_its_reader_and_tokens_do_not(&service);
     requests_are_answered(&service, &text);
 
