@@ -2,6 +2,10 @@
 
 use crate::{Form, Target, kept_files, launched, messages, recordings, requests, tables, texts};
 
+/// Longest input that is a recording: one with a message of each topic, and so with all schemas, is
+/// among the seeds.
+const LONGEST_RECORDING: usize = 98_304;
+
 /// Every target.
 pub const LIST: &[Target] = &[
     // --- what a person writes
@@ -67,7 +71,7 @@ pub const LIST: &[Target] = &[
         form: Form::Mcap,
         prefix: 0,
         seeds: recordings::seeds,
-        longest: 65_536,
+        longest: LONGEST_RECORDING,
         read: recordings::read,
     },
     Target {
@@ -76,7 +80,7 @@ pub const LIST: &[Target] = &[
         form: Form::Mcap,
         prefix: 1,
         seeds: recordings::edited_seeds,
-        longest: 65_536,
+        longest: LONGEST_RECORDING,
         read: recordings::edited,
     },
     Target {
@@ -85,7 +89,7 @@ pub const LIST: &[Target] = &[
         form: Form::Mcap,
         prefix: 1,
         seeds: recordings::command_seeds,
-        longest: 65_536,
+        longest: LONGEST_RECORDING,
         read: recordings::command,
     },
     Target {
@@ -94,7 +98,7 @@ pub const LIST: &[Target] = &[
         form: Form::Mcap,
         prefix: 1,
         seeds: recordings::record_seeds,
-        longest: 65_536,
+        longest: LONGEST_RECORDING,
         read: recordings::record,
     },
     Target {

@@ -139,7 +139,7 @@ impl Meter {
 
 #[cfg(test)]
 mod tests {
-    use ipc_types::{COMMAND, Message, MotorCommand, SETPOINT};
+    use ipc_types::{COMMAND, LOSS, Message, MotorCommand};
 
     use super::*;
     use crate::stream::tests::arrived;
@@ -172,6 +172,6 @@ mod tests {
         assert!((meter.rate_hz().unwrap() - 4.0 / 0.405).abs() < 1e-6);
         meter.reset();
         assert_eq!((meter.count, meter.latency.count(), meter.rate_hz()), (0, 0, None));
-        assert!(Meter::new(&Stream::of_topic(&SETPOINT.topic)).unwrap().answer.is_none());
+        assert!(Meter::new(&Stream::of_topic(&LOSS.topic)).unwrap().answer.is_none());
     }
 }

@@ -37,7 +37,7 @@ pub(crate) fn run(args: &LslArgs, rig_name: &RigName, out: &mut dyn Write) -> an
     let named = Named { rig_name: rig_name.as_str(), rig: &rig, computer: &computer, clock };
     let mut outlets = Outlets::new(&lsl, &named, &topics, &source, out)?;
     out.flush()?;
-    say!("liblsl {}; its clock is CLOCK_MONOTONIC + {clock}", lsl.version());
+    say!("liblsl {}; its clock less CLOCK_MONOTONIC is {clock}", lsl.version());
     let ended = outlets.run(&mut source);
     outlets.tell_end();
     let now = measure();
