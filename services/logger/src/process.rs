@@ -36,7 +36,7 @@ use requests::RequestReceiver;
 
 /// Every topic's buffer holds at least 100 ms at its fastest rate, which leaves margin for a late
 /// wake.
-const PERIOD_NS: u64 = 5 * MILLISECOND_NS;
+const PERIOD_NS: u64 = 10 * MILLISECOND_NS;
 /// Away from the phases of the fast loops.
 const PHASE_NS: u64 = 700_000;
 /// Period of the heartbeat.

@@ -17,7 +17,7 @@ use crate::state::{self, StartRequest};
 use crate::writer_queue::{Command, NextPart, Outcome, QueueReceiver, Shared};
 
 /// Sleep when there is nothing to do; the queue holds seconds of messages.
-const IDLE: Duration = Duration::from_millis(5);
+const IDLE: Duration = Duration::from_millis(10);
 /// Messages written between two checks of the time and the commands.
 const BATCH: usize = 512;
 /// Most numbers of parts that are passed over, because there are files of these names.

@@ -17,7 +17,7 @@ use crate::request::Server;
 use crate::service::ServiceError;
 
 /// How often a thread that answers requests looks for them.
-const POLL_PERIOD: Duration = Duration::from_millis(5);
+const POLL_PERIOD: Duration = Duration::from_millis(10);
 
 /// A thread that is told when to end. Dropping this ends it and waits for it.
 #[derive(Debug)]
@@ -39,7 +39,7 @@ impl Worker {
     }
 
     /// Starts a thread that answers a service's requests, with a node of its own, since ports stay
-    /// in the thread that made them; returns once it serves. `idle` runs every 5 ms, before the
+    /// in the thread that made them; returns once it serves. `idle` runs every 10 ms, before the
     /// requests are looked at, and once more at the end.
     ///
     /// # Errors

@@ -21,7 +21,7 @@ use crate::trial_record::TrialRecord;
 use super::thread_link::{Dropped, EVENT_CAPACITY};
 
 /// Polling period: short against the settling cycle of a block.
-const POLL_PERIOD: Duration = Duration::from_millis(2);
+const POLL_PERIOD: Duration = Duration::from_millis(10);
 /// Capacity for jobs; a block causes two or three.
 const JOBS: usize = 64;
 /// Capacity for results; one for each record.
