@@ -39,7 +39,7 @@ pub struct FoxgloveArgs {
     /// which they were published. The others are skipped, and counted at the end
     #[arg(long, value_name = "SECONDS", value_parser = probe::period)]
     pub every: Option<f64>,
-    /// Admits a viewer that is a page of this site, such as https://viewer.example (repeatable).
+    /// Admits a viewer that is a page of this site, such as `https://viewer.example` (repeatable).
     /// Programs, pages of this computer and Foxglove's own site need not be named
     #[arg(long = "origin", value_name = "ORIGIN")]
     pub origins: Vec<String>,
