@@ -36,6 +36,9 @@ const CLOCK_PERIOD: Duration = Duration::from_secs(1);
 const RECORDED_EVERY: Duration = Duration::from_secs(10);
 /// A page that says nothing for so long is gone.
 const SILENCE_LIMIT: Duration = Duration::from_secs(15);
+/// How long the rest of what a page sent is read where it can no longer be written to. It is there
+/// already.
+const REST_LIMIT: Duration = Duration::from_millis(200);
 
 /// Which page it is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -127,7 +130,12 @@ pub(crate) async fn serve(socket: WebSocket, kind: Kind, from: String, pages: Pa
     let first = [page.pages.welcome.clone(), page.greeting()];
     let end = tokio::select! {
         end = page.listen(&mut reading) => end,
-        end = talk(&mut writing, kind, &shared, first, &mut answered, &asked_ms) => end,
+        end = talk(&mut writing, kind, &shared, first, &mut answered, &asked_ms) => {
+            // A page that went may have sent an emergency stop before: it is carried out, although
+            // writing to the page fails first.
+            let _ended = timeout(REST_LIMIT, page.listen(&mut reading)).await;
+            end
+        }
     };
     if let Err(reason) = end {
         // It is told why before it is cut off.
