@@ -49,7 +49,7 @@ client.on("message", ({ subscriptionId, timestamp, data }) => {
   const offset = timestamp - time;
   result.samples.push([Number(sequence), Number(tick), position[0], String(offset)]);
   if (result.samples.length === count) {
-    console.log(JSON.stringify(result));
-    process.exit(0);
+    // To end before a pipe has taken it all would cut it off.
+    process.stdout.write(JSON.stringify(result), () => process.exit(0));
   }
 });
