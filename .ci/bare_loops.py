@@ -35,10 +35,11 @@ def need_grid_loop():
 
 
 class Loop:
-    """A bare loop on one processor, within a `with`; then `late_us` has p50, p99, p99.9, max."""
+    """A bare loop on one processor, within a `with`; then `late_us` has p50, p99, p99.9, max, and
+    `skipped` the periods that it skipped, where farreach's own loop ran."""
 
     def __init__(self, processor, rate_hz, *, peer, fifo=True, priority=PRIORITY):
-        self.late_us, self.wakes, self.peer = [], 0, peer
+        self.late_us, self.wakes, self.skipped, self.peer = [], 0, None, peer
         if peer:
             self.report = pathlib.Path(tempfile.mkstemp(suffix=".json")[1])
             policy = ["--policy=fifo", f"--priority={priority}"] if fifo else ["--policy=other"]
@@ -69,6 +70,7 @@ class Loop:
         else:
             told = json.loads(printed)
             self.late_us, self.wakes = [ns / 1e3 for ns in told["late_ns"]], told["wakes"]
+            self.skipped = told["skipped"]
 
     def read_cyclictest(self):
         """p50, p99, p99.9 and max from its report."""

@@ -10,6 +10,7 @@
     .ci/measure.py harm --minutes 5    # what those who look do to the rig, beside bare loops
     .ci/measure.py peers               # beside other programs that do the same, in one run
     .ci/measure.py soak --minutes 60   # losses and memory with everything attached
+    .ci/measure.py chain               # higher rates, beside bare loops of the same rate
 
 Prints rows of Markdown, with what the host did meanwhile. Let nothing else run beside it. Its rig
 has a name of its own and is taken down in any case.
@@ -30,6 +31,7 @@ import threading
 import time
 import tomllib
 
+import measure_chain
 import measure_harm
 import measure_peers
 import measure_soak
@@ -345,10 +347,13 @@ def main():
     long.add_argument("--profile", default="realtime", choices=("realtime", "best-effort"))
     long.add_argument("--console", default="127.0.0.1:8321", help="address of the console")
     long.add_argument("--port", type=int, default=8765, help="port of the bridge to Foxglove")
+    fast = what.add_parser("chain")
+    fast.add_argument("--seconds", type=float, default=30.0, help="of each repeat")
+    fast.add_argument("--rounds", type=int, default=5, help="repeats of each")
     options = parser.parse_args()
     command = {"tune": tune, "monitor": monitor, "protocols": protocols, "demo": demo,
                "harm": measure_harm.harm, "peers": measure_peers.peers,
-               "soak": measure_soak.soak}
+               "soak": measure_soak.soak, "chain": measure_chain.chain}
     with contextlib.ExitStack() as stack:
         folder = options.keep or stack.enter_context(tempfile.TemporaryDirectory())
         pathlib.Path(folder).mkdir(parents=True, exist_ok=True)

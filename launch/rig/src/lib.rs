@@ -36,6 +36,7 @@ mod grid_ages;
 mod homing;
 mod limits;
 mod load;
+mod measured_phases;
 mod model;
 mod muscles;
 mod parameter;

@@ -7,7 +7,7 @@ use crate::checked_toml::{Keys, Section, Source};
 const SECOND_NS: u64 = 1_000_000_000;
 
 /// Least distance of two loops' phases; the shortest loop takes that long (ns).
-const PHASE_GAP_NS: u64 = 20_000;
+pub(crate) const PHASE_GAP_NS: u64 = 20_000;
 
 /// Rates of the periodic processes. Each rate divides 1e9, and of any two the slower divides the
 /// faster, so that `tick = CLOCK_MONOTONIC ns / period` is a whole grid that needs no common
@@ -50,6 +50,12 @@ impl Rates {
     /// Period of the experiment runner (ns).
     pub const fn experiment_period_ns(&self) -> u64 {
         SECOND_NS / self.experiment_hz as u64
+    }
+
+    /// The shortest of these periods, in which all phases lie (ns).
+    pub(crate) fn shortest_period_ns(&self) -> u64 {
+        let fastest = self.named().iter().map(|(_, rate)| *rate).max().unwrap_or(1);
+        SECOND_NS / u64::from(fastest.max(1))
     }
 
     pub(crate) fn read(section: Section<'_>) -> Self {
@@ -178,6 +184,17 @@ impl Phases {
         }
     }
 
+    /// Each phase with its key (ns).
+    pub(crate) fn named(&self) -> [(&'static str, u64); 5] {
+        [
+            ("simulator", self.simulator_ns),
+            ("acquisition", self.acquisition_ns),
+            ("control", self.control_ns),
+            ("watchdog", self.watchdog_ns),
+            ("experiment", self.experiment_ns),
+        ]
+    }
+
     /// Each phase lies within its loop's period; simulator, acquisition and control follow in the
     /// order of the data flow; and no two loops begin within 20 µs of each other, with phases taken
     /// modulo the shortest period, as the loops coincide there in some period.
@@ -204,7 +221,7 @@ impl Phases {
                 source.problem(after, expected, format!("{} µs", later / 1000), advice);
             }
         }
-        let shortest = loops.iter().map(|(_, _, period)| *period).min().unwrap_or(SECOND_NS);
+        let shortest = rates.shortest_period_ns();
         for (index, (key_a, a, _)) in loops.iter().enumerate() {
             for (key_b, b, _) in &loops[index + 1..] {
                 let apart = (a % shortest).abs_diff(b % shortest);

@@ -250,6 +250,7 @@ fn run_session(
         monitor: false,
         profile: None,
         placement: false,
+        phases: operator::PhaseSource::File,
         executable: std::env::current_exe().context("cannot find the farreach executable")?,
     };
     terminal.progress("starting all processes");

@@ -16,7 +16,7 @@ use clap::{Args, Subcommand};
 use ipc_types::{CardKind, Profile, Split, Verb};
 use runtime::RigName;
 
-use crate::RunOptions;
+use crate::{PhaseSource, RunOptions};
 pub use faults::{FaultArguments, FaultCommand};
 pub use snapshot::{SnapshotArguments, Trigger};
 use split::{parse_split, ring_of, whichever_first};
@@ -267,6 +267,10 @@ pub struct UpArguments {
     /// (isolcpus=), else those with the least load; FARREACH_PLACEMENT=on does the same
     #[arg(long)]
     pub place: bool,
+    /// Where the phases of the loops come from: what acquisition waits for the card, and control
+    /// for acquisition. Measured ones stand in the recording, as those of a rig file do
+    #[arg(long, value_name = "SOURCE", value_enum, default_value_t)]
+    pub phases: PhaseSource,
     #[command(flatten)]
     #[allow(missing_docs)]
     pub json: OutputFormat,
@@ -280,7 +284,10 @@ impl UpArguments {
         let a_card = *simulate || card.is_some() || replay.is_some();
         let of_card = !effects.is_empty() || machine.is_some();
         let another_rig = self.rig.as_os_str() != DEFAULT_RIG;
-        let more = self.record.is_some() || self.console.is_some() || self.profile.is_some();
+        let more = self.record.is_some()
+            || self.console.is_some()
+            || self.profile.is_some()
+            || self.phases != PhaseSource::File;
         !(a_card || of_card || another_rig || more || *foreground || self.monitor)
     }
 }

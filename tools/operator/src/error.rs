@@ -73,6 +73,9 @@ pub enum Error {
         /// What they miss.
         missed: rig::MissedTimeout,
     },
+    /// How late loops wake could not be measured.
+    #[error("how late loops wake on this computer cannot be measured: {0}")]
+    Lateness(String),
     /// The rig file differs from that of the running rig in what cannot change while it is up.
     #[error(
         "{file}: differs in `{part}` from the file with which the rig was brought up, and only \

@@ -46,4 +46,4 @@ pub use run::{Progress, RunOutcome, check_armed, resume_protocol, run_protocol, 
 pub use saved_rig_file::{rig_of, running};
 pub use session_files::{SessionFiles, Written, sessions_of};
 pub use systemd_rig::{become_its_user, describe_to_clients};
-pub use up::{Up, UpOptions, up, up_in_foreground};
+pub use up::{PhaseSource, Up, UpOptions, up, up_in_foreground};

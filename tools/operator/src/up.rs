@@ -9,11 +9,21 @@ use launch::{Config, StopReport};
 use rig::RigFile;
 use runtime::placement::{PLACEMENT_VARIABLE, placement_is_on};
 use runtime::realtime::{self, PROFILE_VARIABLE};
-use runtime::{Domain, HostStall, RigName, Timeouts};
+use runtime::{Domain, HostStall, MEASURED_FOR, RigName, Timeouts, WakeLateness};
 
 use crate::Error;
 use crate::kept_folder::{DOCTOR, LEARNT, absolute};
 use crate::saved_rig_file::{MACHINE, RIG, keep_copy};
+
+/// Where the phases of the loops come from.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
+pub enum PhaseSource {
+    /// The rig file
+    #[default]
+    File,
+    /// How late loops wake on this computer, measured before the processes start
+    Measured,
+}
 
 /// What to bring up.
 #[derive(Clone, Debug)]
@@ -41,6 +51,8 @@ pub struct UpOptions {
     /// Binds each loop to a processor that the keeper chooses; `FARREACH_PLACEMENT=on` does the
     /// same.
     pub placement: bool,
+    /// Where the phases of the loops come from.
+    pub phases: PhaseSource,
     /// The `farreach` binary, which every process runs.
     pub executable: PathBuf,
 }
@@ -60,6 +72,8 @@ pub struct Up {
     pub profile: Profile,
     /// Measured stalls of the host; `None` if the profile was chosen by a person.
     pub host_stall: Option<HostStall>,
+    /// How late bare loops woke, where the phases were chosen by it.
+    pub lateness: Option<WakeLateness>,
     /// The session, drawn at this start.
     pub session: u64,
 }
@@ -80,6 +94,7 @@ pub fn up(options: &UpOptions) -> Result<Up, Error> {
         card: prepared.card,
         profile: domain.profile(),
         host_stall: domain.host_stall(),
+        lateness: prepared.lateness,
         session: domain.session(),
     })
 }
@@ -110,6 +125,7 @@ struct Prepared {
     rig: RigFile,
     rig_file: PathBuf,
     card: CardKind,
+    lateness: Option<WakeLateness>,
 }
 
 /// The card that was asked for, or that of the rig file.
@@ -142,7 +158,7 @@ fn machine_of(options: &UpOptions, rig: &RigFile) -> Result<Option<RigFile>, Err
 
 impl Prepared {
     fn new(options: &UpOptions) -> Result<Self, Error> {
-        let rig = rig::load_rig(&options.rig)?;
+        let (rig, lateness) = phased(rig::load_rig(&options.rig)?, options.phases)?;
         let card = &card_of(options.card.as_ref(), &rig)?;
         let machine = machine_of(options, &rig)?;
         if card.kind == CardKind::Simulated {
@@ -162,7 +178,8 @@ impl Prepared {
             _ => String::new(),
         };
         config = config.with_environment(MACHINE, machine);
-        Ok(Self { config, rig_name: options.rig_name.clone(), rig, rig_file, card: card.kind })
+        let (rig_name, card) = (options.rig_name.clone(), card.kind);
+        Ok(Self { config, rig_name, rig, rig_file, card, lateness })
     }
 
     /// The launcher stopped what it had started; what is left of the rig is its directory.
@@ -173,6 +190,18 @@ impl Prepared {
         }
         error.into()
     }
+}
+
+/// The rig with the phases that were asked for, and the lateness that they rest on where it was
+/// measured.
+fn phased(rig: RigFile, source: PhaseSource) -> Result<(RigFile, Option<WakeLateness>), Error> {
+    if source == PhaseSource::File {
+        return Ok((rig, None));
+    }
+    let measured = WakeLateness::measure(MEASURED_FOR);
+    let lateness = measured.map_err(|error| Error::Lateness(error.to_string()))?;
+    let phases = rig::Phases::for_lateness(&rig.rates, lateness.p99_ns);
+    Ok((rig.with_phases(&phases)?, Some(lateness)))
 }
 
 /// The profile that was asked for, or the one that the rates need; `None` where the keeper is to
@@ -252,6 +281,7 @@ mod tests {
             monitor: false,
             profile: Some(Profile::BestEffort),
             placement: false,
+            phases: PhaseSource::File,
             executable: "/bin/farreach".into(),
         }
     }
@@ -286,6 +316,17 @@ mod tests {
         assert_eq!(card_of(None, &rig).unwrap(), CardOptions::of(CardKind::Null));
         let simulated = CardOptions::of(CardKind::Simulated);
         assert_eq!(card_of(Some(&simulated), &rig).unwrap(), simulated);
+    }
+
+    #[test]
+    fn measured_phases_stand_in_the_rig_file_of_all_processes() {
+        let rig = rig::load_rig(Path::new("hydrostatic")).unwrap();
+        let (same, lateness) = phased(rig.clone(), PhaseSource::File).unwrap();
+        assert_eq!((same.identity(), lateness), (rig.identity(), None));
+        let (other, lateness) = phased(rig.clone(), PhaseSource::Measured).unwrap();
+        let p99_ns = lateness.unwrap().p99_ns;
+        assert_eq!(other.phases, rig::Phases::for_lateness(&rig.rates, p99_ns));
+        assert_eq!(RigFile::parse(other.text(), "again.toml").unwrap().phases, other.phases);
     }
 
     #[test]

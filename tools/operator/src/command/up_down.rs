@@ -102,6 +102,7 @@ fn options(arguments: &UpArguments, rig_name: &RigName) -> Result<UpOptions, Err
         monitor: arguments.monitor,
         profile: arguments.profile,
         placement: arguments.place,
+        phases: arguments.phases,
         executable,
     })
 }
@@ -115,6 +116,7 @@ fn json_of(up: &Up, console: Option<ConsoleAddress>) -> serde_json::Value {
         "backend": up.card,
         "profile": up.profile,
         "host_stall": up.host_stall,
+        "wake_lateness": up.lateness,
         "session": format!("{:016x}", up.session),
         "launcher": up.running.launcher.pid,
         "processes": processes_of(&up.running.status),
@@ -149,6 +151,18 @@ fn print_up(
     }
     if let Some(stall) = up.host_stall {
         writeln!(out, "  stalls     {stall}, measured over {:?}", runtime::MEASURED_FOR)?;
+    }
+    if let Some(lateness) = &up.lateness {
+        let us = |ns: u64| ns / 1000;
+        let phases = &up.rig.phases;
+        writeln!(
+            out,
+            "  phases     acquisition {} µs after the card, control {} µs: of bare wakes 99 of 100 \
+             came within {} µs",
+            us(phases.acquisition_ns - phases.simulator_ns),
+            us(phases.control_ns - phases.simulator_ns),
+            us(lateness.p99_ns)
+        )?;
     }
     let option = match rig_name.as_str() {
         "farreach" => String::new(),
