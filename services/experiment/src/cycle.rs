@@ -169,12 +169,19 @@ impl Seen<'_> {
 
 /// Positions of the masters (rad or m); NaN where there is none.
 fn measured(sample: Option<&Sample>) -> [f64; AXES] {
-    let seen = |axis: usize| sample.filter(|sample| sample.master_present >> axis & 1 == 1);
-    std::array::from_fn(|axis| seen(axis).map_or(f64::NAN, |sample| sample.master_position[axis]))
+    sample.map_or([f64::NAN; AXES], |sample| {
+        where_present(sample.master_present, &sample.master_position)
+    })
 }
 
 /// Positions of the handles by their own encoders (rad or m); NaN where there is none.
 fn handles(sample: Option<&Sample>) -> [f64; AXES] {
-    let seen = |axis: usize| sample.filter(|sample| sample.slave_present >> axis & 1 == 1);
-    std::array::from_fn(|axis| seen(axis).map_or(f64::NAN, |sample| sample.slave_position[axis]))
+    sample.map_or([f64::NAN; AXES], |sample| {
+        where_present(sample.slave_present, &sample.slave_position)
+    })
+}
+
+/// The positions whose bit is set; NaN where it is not.
+fn where_present(present: u8, positions: &[f64; AXES]) -> [f64; AXES] {
+    std::array::from_fn(|axis| if present >> axis & 1 == 1 { positions[axis] } else { f64::NAN })
 }

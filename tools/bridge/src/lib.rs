@@ -31,8 +31,12 @@ use std::io::Write;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use runtime::RigName;
+use runtime::clock::MILLISECOND_NS;
 
 pub use args::{Command, FoxgloveArgs, LslArgs};
+
+/// Polling period; the subscribers' buffers hold at least 100 ms (ns).
+const PERIOD_NS: u64 = 10 * MILLISECOND_NS;
 
 /// Runs a bridge until a signal ends it; returns the exit code.
 ///

@@ -3,6 +3,11 @@
 
 use std::net::IpAddr;
 
+/// The computer's own name.
+pub fn computer_name() -> String {
+    rustix::system::uname().nodename().to_string_lossy().into_owned()
+}
+
 /// Whether the console answers to this `Host`: an address, `localhost`, or the computer's own name.
 /// Any other name may be another site's.
 pub fn is_own_host(host: &str, computer: &str) -> bool {

@@ -48,7 +48,7 @@ mod web;
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-pub use host_check::{is_own_host, without_port};
+pub use host_check::{computer_name, is_own_host, without_port};
 pub use process::{ConsoleError, run};
 
 /// Reads a text as a message of a page and returns its number; nothing is done.

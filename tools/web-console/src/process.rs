@@ -24,6 +24,7 @@ use thiserror::Error;
 use crate::board::{Audience, Slot};
 use crate::commands::{Command, Commander};
 use crate::desk::Shared;
+use crate::host_check::computer_name;
 use crate::page_link::Pages;
 use crate::plot_batch::{InnovationPlotter, Plotter};
 use crate::rig_view::{self, RigView};
@@ -180,7 +181,7 @@ fn start_threads(
 
 /// Serves until the process ends.
 fn serve_web(pages: Pages, listener: TcpListener) {
-    let computer = rustix::system::uname().nodename().to_string_lossy().into_owned();
+    let computer = computer_name();
     let result =
         tokio::runtime::Builder::new_current_thread().enable_all().build().and_then(|runtime| {
             runtime.block_on(async {

@@ -18,15 +18,14 @@ use anyhow::{Context as _, bail};
 use ipc_types::{Rate, Topic};
 use probe::{Arrived, Attached, Progress, Source as _, Thinning};
 use recording::channel;
-use runtime::clock::{ClockPair, MILLISECOND_NS, SECOND_NS};
+use runtime::clock::{ClockPair, SECOND_NS};
 use runtime::{RigName, random_u64};
 
+use crate::PERIOD_NS;
 use crate::args::FoxgloveArgs;
 use server::Site;
 use viewer::Outgoing;
 
-/// Polling period; the subscribers' buffers hold at least 100 ms (ns).
-const PERIOD_NS: u64 = 10 * MILLISECOND_NS;
 /// How often viewers are told what they did not get (ns).
 const TELL_NS: u64 = SECOND_NS;
 /// Longest history that a viewer gets (the newest events, the last timing); that of the card's FIFO
@@ -96,9 +95,11 @@ impl Forwarder {
             if server.is_finished() {
                 bail!("the web server ended");
             }
-            for (index, feed) in self.feeds.iter().enumerate() {
-                self.site.each(|viewer| viewer.greet(index, feed.history.iter()));
-            }
+            self.site.each(|viewer| {
+                for (index, feed) in self.feeds.iter().enumerate() {
+                    viewer.greet(index, feed.history.iter());
+                }
+            });
             if now_ns >= tell_ns {
                 tell_ns = now_ns + TELL_NS;
                 let name = |index: usize| self.feeds.get(index).map_or("", |feed| feed.topic.name);

@@ -18,7 +18,7 @@ use axum::response::{IntoResponse, Response};
 use futures_util::stream::{SplitSink, SplitStream};
 use futures_util::{SinkExt as _, StreamExt as _};
 use tokio::time::{interval, timeout};
-use web_console::is_own_host;
+use web_console::{computer_name, is_own_host};
 
 use super::origin::is_admitted;
 use super::protocol::SUBPROTOCOLS;
@@ -58,11 +58,10 @@ pub(crate) struct Site {
 impl Site {
     /// A site without viewers; `welcome` are the first messages to each.
     pub(crate) fn new(origins: &[String], welcome: [String; 2], topics: usize) -> Self {
-        let computer = rustix::system::uname().nodename().to_string_lossy().into_owned();
         Self {
             viewers: Mutex::default(),
             numbers: AtomicU64::new(0),
-            computer,
+            computer: computer_name(),
             origins: origins.to_vec(),
             refused: Mutex::default(),
             welcome: welcome.map(Utf8Bytes::from),

@@ -15,15 +15,14 @@ use ipc_types::{Event, Message as _, Topic};
 use probe::channel::Reader;
 use probe::{Arrived, Attached, Progress, Source as _};
 use runtime::RigName;
-use runtime::clock::{MILLISECOND_NS, now_ns};
+use runtime::clock::now_ns;
+use web_console::computer_name;
 
+use crate::PERIOD_NS;
 use crate::args::LslArgs;
 use clock_offset::ClockOffset;
 use liblsl::{Liblsl, Outlet};
 use streams::Named;
-
-/// Polling period; the subscribers' buffers hold at least 100 ms (ns).
-const PERIOD_NS: u64 = 10 * MILLISECOND_NS;
 
 pub(crate) fn run(args: &LslArgs, rig_name: &RigName, out: &mut dyn Write) -> anyhow::Result<i32> {
     let topics = streams::numeric_topics(&args.topics)?;
@@ -33,7 +32,7 @@ pub(crate) fn run(args: &LslArgs, rig_name: &RigName, out: &mut dyn Write) -> an
     let mut source = Attached::new(rig_name, &all, PERIOD_NS)?;
     let measure = || ClockOffset::measure(now_ns, || lsl.local_clock_s());
     let clock = measure();
-    let computer = rustix::system::uname().nodename().to_string_lossy().into_owned();
+    let computer = computer_name();
     let named = Named { rig_name: rig_name.as_str(), rig: &rig, computer: &computer, clock };
     let mut outlets = Outlets::new(&lsl, &named, &topics, &source, out)?;
     out.flush()?;
@@ -64,7 +63,7 @@ struct Numbers {
 /// All streams.
 struct Outlets {
     /// Names of the topics, by index.
-    names: Vec<&'static str>,
+    names: Vec<String>,
     /// The first topics; what comes behind them are events.
     numbers: Vec<Numbers>,
     markers: Outlet,
@@ -104,12 +103,7 @@ impl Outlets {
         let markers = lsl.outlet(&info)?;
         writeln!(out, "{}: markers", info.name)?;
         Ok(Self {
-            names: topics
-                .iter()
-                .copied()
-                .chain(streams::event_topics())
-                .map(|it| it.name)
-                .collect(),
+            names: source.streams().iter().map(|stream| stream.name.clone()).collect(),
             numbers,
             markers,
             told: Vec::new(),
@@ -134,7 +128,7 @@ impl Outlets {
         }
         let missing = message.sent.gap.unwrap_or(0);
         if missing > 0 {
-            let name = self.names.get(message.stream).copied().unwrap_or_default();
+            let name = self.names.get(message.stream).map_or("", String::as_str);
             let at_s = self.clock.by_other_s(message.sent.time_ns);
             self.told.push((format!("bridge: {missing} messages of {name} lost"), at_s));
         }

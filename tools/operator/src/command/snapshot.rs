@@ -16,6 +16,7 @@ use runtime::{RequestError, RigName};
 use serde_json::json;
 
 use super::actions::link;
+use super::split::nanoseconds;
 use super::{OutputFormat, print};
 use crate::{DATA_LOST, DONE, Error, RigLink};
 
@@ -108,8 +109,7 @@ pub(super) fn snapshot(rig_name: &RigName, arguments: &SnapshotArguments) -> any
     };
     let mut held = Held::default();
     held.take_hold(&patient(|| ring(&link))?)?;
-    let [before_ns, after_ns] =
-        [before, *after].map(|time| u64::try_from(time.as_nanos()).unwrap_or(u64::MAX));
+    let [before_ns, after_ns] = [before, *after].map(nanoseconds);
     let until_ns = at_ns.saturating_add(after_ns);
     while let Some(left_ns) = until_ns.checked_sub(now_ns()).filter(|left| *left > 0) {
         std::thread::sleep(HOLD.min(Duration::from_nanos(left_ns)));

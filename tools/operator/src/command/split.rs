@@ -37,9 +37,14 @@ pub(super) fn parse_split(text: &str) -> Result<Split, String> {
 
 /// A ring of that length: its parts are a quarter of it, but at least a second.
 pub(super) fn ring_of(length: Duration) -> Split {
-    let keep_ns = u64::try_from(length.as_nanos()).unwrap_or(u64::MAX);
+    let keep_ns = nanoseconds(length);
     let every_ns = (keep_ns / PARTS).max(SECOND_NS);
     Split { every_ns: Some(every_ns), every_bytes: None, keep_ns: Some(keep_ns) }
+}
+
+/// A time in ns; the longest that there is for one that is longer.
+pub(super) fn nanoseconds(time: Duration) -> u64 {
+    u64::try_from(time.as_nanos()).unwrap_or(u64::MAX)
 }
 
 /// All of them at once: the shortest time and the smallest size.
